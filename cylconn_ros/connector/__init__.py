@@ -1,0 +1,1 @@
+"""The connector: scene parameters, matching of samples, and the one public step."""

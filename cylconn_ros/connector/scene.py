@@ -1,0 +1,481 @@
+"""A scene: two bodies, a cylindrical connector between them, and how it is served.
+
+The fields below are the one place where a parameter has its type, unit, default, bounds and words.
+:class:`Scene` is checked as a whole when it is made: a scene that exists is one that can be used.
+SI units, radians, quaternions x, y, z, w.
+"""
+
+# ruff: noqa: RUF009 - parameter() and group() make the fields themselves
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from cylconn_ros.connector import scene_file, scene_rules
+from cylconn_ros.connector.parameters import (
+    Parameter,
+    SceneError,
+    Value,
+    describe,
+    flatten,
+    group,
+    groups,
+    parameter,
+    show,
+)
+
+__all__ = ["Body", "Friction", "FrictionTable", "Node", "Scene", "SceneError", "load", "schema"]
+
+NAN = math.nan
+INF = math.inf
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Wrench:
+    """How the published wrenches are expressed, and how they are meant to be held."""
+
+    axes: str = parameter("body", choices=("body", "world"), doc="Axes of the published wrenches.")
+    point: str = parameter(
+        "origin",
+        choices=("origin", "com"),
+        doc="Point of the published torques: the body frame's origin or the mass centre.",
+    )
+    hold: str = parameter(
+        "world",
+        choices=("world", "body"),
+        doc="How a wrench is held until the next: fixed in world axes, or turning with the body.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Body:
+    """One of the two rigid bodies."""
+
+    frame: str = parameter(doc="Name of the body frame.", read_only=True)
+    kind: str = parameter(
+        choices=("free", "unknown", "driven", "fixed"),
+        doc="free: mass and inertia known; unknown: moves, inertia not known; "
+        "driven: moves on its own, as if infinitely heavy; fixed: does not move.",
+    )
+    pose: tuple[float, ...] = parameter(
+        IDENTITY,
+        size=7,
+        pose=True,
+        unit="m, 1",
+        doc="Body frame in the world: position and quaternion. Where a fixed body is; "
+        "where the plant starts a moving one.",
+    )
+    mass: float = parameter(
+        NAN, gt=0.0, unit="kg", example=1.0, doc="Mass; needed for a free body."
+    )
+    com: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), size=3, unit="m", doc="Mass centre in the body frame."
+    )
+    inertia: tuple[float, ...] = parameter(
+        (),
+        size=6,
+        optional=True,
+        unit="kg.m^2",
+        example=(0.002, 0.0, 0.0, 0.003, 0.0, 0.004),
+        doc="Inertia tensor about the mass centre in body axes: ixx, ixy, ixz, iyy, iyz, izz "
+        "(tensor elements, as in geometry_msgs/Inertia); needed for a free body.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Node:
+    """An end point of the connector, fixed on its body."""
+
+    position: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), size=3, unit="m", doc="Node in its body's frame."
+    )
+    orientation: tuple[float, ...] = parameter(
+        (),
+        size=4,
+        pose=True,
+        optional=True,
+        unit="1",
+        doc="Node's axes in its body's frame, a quaternion; "
+        "[]: as node a's in the reference configuration.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Reference:
+    """The reference configuration and the constitutive reference."""
+
+    offsets: str = parameter(
+        "hold",
+        choices=("hold", "zero"),
+        doc="The slot constraint's target: the offsets of the first accepted sample, or zero.",
+    )
+    length: float = parameter(
+        NAN, unit="m", doc="Constitutive reference l1ref; .nan: the first accepted sample's."
+    )
+    angle: float = parameter(
+        NAN, unit="rad", doc="Constitutive reference theta1ref; .nan: the first accepted sample's."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrictionTable:
+    """Friction coefficient over slip rate and contact force; constant beyond the last entries."""
+
+    rates: tuple[float, ...] = parameter((), ge=0.0, unit="m/s", doc="Slip rates, ascending.")
+    forces: tuple[float, ...] = parameter((), ge=0.0, unit="N", doc="Contact forces, ascending.")
+    values: tuple[float, ...] = parameter(
+        (), ge=0.0, unit="1", doc="Coefficients row by row: one row a rate, one column a force."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Friction:
+    """Coulomb friction on slide and spin together."""
+
+    coefficient: float = parameter(
+        0.0, ge=0.0, unit="1", doc="Friction coefficient (kinetic); 0: no friction."
+    )
+    radius: float = parameter(
+        NAN, gt=0.0, unit="m", doc="Effective radius R of the shaft; needed with friction."
+    )
+    overlap: float = parameter(
+        0.0, ge=0.0, unit="m", doc="Overlap L of shaft and sleeve; 0: bending adds no normal force."
+    )
+    preload: float = parameter(
+        0.0, unit="N", doc="Self-equilibrated contact force FCint (press fit), of either sign."
+    )
+    static_coefficient: float = parameter(
+        NAN, ge=0.0, unit="1", doc="Static coefficient; .nan: as the kinetic."
+    )
+    decay: float = parameter(
+        0.0, ge=0.0, unit="s/m", doc="Decay dc of mu = mu_k + (mu_s - mu_k) exp(-dc |s|)."
+    )
+    max_force: float = parameter(INF, ge=0.0, unit="N", doc="Cap on the friction traction P.")
+    table: FrictionTable | None = group(FrictionTable, absent=True)
+
+    @property
+    def on(self) -> bool:
+        """Whether there is friction at all."""
+        static = self.static_coefficient > 0.0  # False for NaN
+        return self.coefficient > 0.0 or static or self.table is not None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Stops:
+    """Bounds of the position in the slot and of the angle; each one optional."""
+
+    l_min: float = parameter(NAN, unit="m", doc="Least position in the slot; .nan: none.")
+    l_max: float = parameter(NAN, unit="m", doc="Greatest position in the slot; .nan: none.")
+    theta_min: float = parameter(NAN, unit="rad", doc="Least angle; .nan: none.")
+    theta_max: float = parameter(NAN, unit="rad", doc="Greatest angle; .nan: none.")
+    restitution: float = parameter(
+        0.0, ge=0.0, le=1.0, unit="1", doc="Coefficient of restitution at the stops."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Lock:
+    """Freezing of the available components once a criterion is met."""
+
+    component: str = parameter(
+        "none", choices=("none", "slide", "spin"), doc="Which component locks."
+    )
+    position: float = parameter(
+        NAN, unit="m or rad", doc="Locks when the component passes this position or angle."
+    )
+    force: float = parameter(
+        NAN, gt=0.0, unit="N or N.m", doc="Locks when the component's force exceeds this."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Elasticity:
+    """Linear springs on the available components, about the constitutive reference."""
+
+    k1: float = parameter(0.0, ge=0.0, unit="N/m", doc="Stiffness of the slide.")
+    kr1: float = parameter(0.0, ge=0.0, unit="N.m/rad", doc="Stiffness of the spin.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Damping:
+    """Linear dampers on the available components."""
+
+    c1: float = parameter(0.0, ge=0.0, unit="N.s/m", doc="Damping of the slide.")
+    cr1: float = parameter(0.0, ge=0.0, unit="N.m.s/rad", doc="Damping of the spin.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Penalty:
+    """Gains of the penalty method."""
+
+    stiffness: float = parameter(
+        NAN, gt=0.0, unit="N/m", doc="Constraint stiffness; .nan: chosen by the method."
+    )
+    damping: float = parameter(
+        NAN, ge=0.0, unit="N.s/m", doc="Constraint damping; .nan: chosen by the method."
+    )
+    stick_stiffness: float = parameter(
+        NAN, gt=0.0, unit="N/m", doc="Stick stiffness; .nan: from elastic_slip, or by the method."
+    )
+    elastic_slip: float = parameter(
+        NAN, gt=0.0, unit="m", doc="Allowed elastic slip; .nan: chosen by the method."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Output limits; both bodies' wrenches are scaled by one factor to keep them."""
+
+    force: float = parameter(INF, gt=0.0, unit="N", doc="Greatest published force.")
+    torque: float = parameter(INF, gt=0.0, unit="N.m", doc="Greatest published torque.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Record:
+    """Recording of a run."""
+
+    enabled: bool = parameter(
+        False, read_only=True, doc="Record from activation on (a service starts one later)."
+    )
+    directory: str = parameter("runs", doc="Where runs are put, each in a directory of its own.")
+    compression: str = parameter(
+        "zstd", choices=("none", "zstd"), doc="Compression of the recording's chunks."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlantBody:
+    """How the plant starts a body."""
+
+    pose: tuple[float, ...] = parameter(
+        (), size=7, pose=True, optional=True, unit="m, 1", doc="Initial pose; []: the body's pose."
+    )
+    twist: tuple[float, ...] = parameter(
+        (0.0,) * 6,
+        size=6,
+        unit="m/s, rad/s",
+        doc="Initial velocity of the body frame's origin and angular velocity, in world axes.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlantSettings:
+    """The plant: two rigid bodies standing in for a simulator."""
+
+    lock_step: bool = parameter(
+        True, read_only=True, doc="Wait for the wrenches of each sample; false: free running."
+    )
+    rate: float = parameter(
+        0.0,
+        ge=0.0,
+        unit="Hz",
+        read_only=True,
+        doc="Samples a second of wall clock when free running; 0: real time.",
+    )
+    duration: float = parameter(
+        INF, gt=0.0, unit="s", read_only=True, doc="Simulated time after which the plant ends."
+    )
+    timeout: float = parameter(
+        5.0,
+        gt=0.0,
+        unit="s",
+        read_only=True,
+        doc="Longest wait for a wrench in lock step, on the wall clock.",
+    )
+    progress: bool = parameter(
+        False, read_only=True, doc="Print lines 'progress DONE TOTAL' on standard output."
+    )
+    body_a: PlantBody = group(PlantBody)
+    body_b: PlantBody = group(PlantBody)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scene:
+    """All parameters of a connector and of the plant that goes with it.
+
+    Raises :class:`SceneError` on anything that cannot be used.
+    """
+
+    input: str = parameter(
+        "pose_twist",
+        choices=("pose_twist", "odometry"),
+        read_only=True,
+        doc="Which topics carry the motion.",
+    )
+    autostart: bool = parameter(
+        True, read_only=True, doc="The node configures and activates itself."
+    )
+    period: float = parameter(0.001, ge=0.0, unit="s", doc="Sample period h; 0: from the stamps.")
+    method: str = parameter(
+        "auto",
+        choices=("auto", "impulse", "penalty"),
+        doc="impulse: inertia known; penalty: inertia unknown; auto: whichever the scene allows.",
+    )
+    tolerance: float = parameter(
+        0.0, ge=0.0, unit="1", doc="Relative accuracy asked of the solution; 0: none stated."
+    )
+    latency: int = parameter(
+        0, ge=-1, unit="samples", doc="Samples between sample and action; -1: measured."
+    )
+    plant_integration: str = parameter(
+        "exact",
+        choices=("exact", "semi_implicit"),
+        doc="How the simulator integrates a held wrench.",
+    )
+    world_frame: str = parameter("world", read_only=True, doc="Name of the world frame.")
+    twist_axes: str = parameter(
+        "world",
+        choices=("world", "body"),
+        doc="Axes of twists and loads whose frame_id names neither the world nor the body frame.",
+    )
+    gravity: tuple[float, ...] = parameter(
+        (0.0, 0.0, -9.81), size=3, unit="m/s^2", doc="Gravity in world axes."
+    )
+    timeout: float = parameter(
+        0.1,
+        gt=0.0,
+        unit="s",
+        infinite=True,
+        doc="Wall-clock time without a complete sample after which a zero wrench is sent.",
+    )
+    stamp_tolerance: float = parameter(
+        0.0, ge=0.0, unit="s", doc="Largest difference of stamps within one sample."
+    )
+    wrench: Wrench = group(Wrench)
+    body_a: Body = group(
+        Body, change={"frame": {"default": "body_a"}, "kind": {"default": "fixed"}}
+    )
+    body_b: Body = group(Body, change={"frame": {"default": "body_b"}, "kind": {"default": "free"}})
+    node_a: Node = group(
+        Node,
+        change={
+            "orientation": {
+                "required": True,
+                "optional": False,
+                "example": (0.0, 0.0, 0.0, 1.0),
+                "doc": "Node's axes in its body's frame, a quaternion; its first axis is the slot.",
+            }
+        },
+    )
+    node_b: Node = group(Node)
+    reference: Reference = group(Reference)
+    friction: Friction = group(Friction)
+    stops: Stops = group(Stops)
+    lock: Lock = group(Lock)
+    elasticity: Elasticity = group(Elasticity)
+    damping: Damping = group(Damping)
+    penalty: Penalty = group(Penalty)
+    limits: Limits = group(Limits)
+    record: Record = group(Record)
+    markers: bool = parameter(
+        False, read_only=True, doc="Publish ~/markers: shaft, sleeve and force, for RViz."
+    )
+    plant: PlantSettings = group(PlantSettings)
+
+    def __post_init__(self) -> None:
+        values = {}
+        for name, rules in schema().items():
+            given = _get(self, name)
+            if rules.required and (given is None or given == ()):
+                raise SceneError(f"{name}: is required and not given; must be {rules.rule}")
+            values[name] = () if given is None else rules.check(given)
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, _take(Scene, field.name, "", values))
+        scene_rules.check(self)
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> Scene:
+        """Make a scene from nested or dotted names; names not given have their defaults.
+
+        Raises :class:`SceneError` for an unknown name (with the nearest one) or an unusable value.
+        A value of ``None`` means not given, and so does an empty list.
+        """
+        flat = flatten(parameters)
+        table = schema()
+        values: dict[str, Any] = {}
+        for name, value in flat.items():
+            if name not in table:
+                raise SceneError(_unknown(name, value, table))
+            if value is not None and not (isinstance(value, list | tuple) and not value):
+                values[name] = table[name].check(value)
+        for name, rules in table.items():
+            if rules.required and name not in values:
+                raise SceneError(f"{name}: is required and not given; must be {rules.rule}")
+            values.setdefault(name, rules.default)
+        return cls(**{f.name: _take(cls, f.name, "", values) for f in dataclasses.fields(cls)})
+
+    def parameters(self) -> dict[str, Value]:
+        """Every parameter by dotted name, defaults included; :meth:`from_parameters` undoes it."""
+        found = ((name, _get(self, name)) for name in schema())
+        return {name: () if value is None else cast(Value, value) for name, value in found}
+
+    @property
+    def bodies(self) -> tuple[Body, Body]:
+        """Body A and body B."""
+        return self.body_a, self.body_b
+
+    def initial_pose(self, index: int) -> tuple[float, ...]:
+        """(7,) where the plant starts body A (0) or B (1), in the world."""
+        settings = (self.plant.body_a, self.plant.body_b)[index]
+        return settings.pose or self.bodies[index].pose
+
+    def initial_twist(self, index: int) -> tuple[float, ...]:
+        """(6,) velocity of the frame's origin and angular velocity at the start, world axes."""
+        return (self.plant.body_a, self.plant.body_b)[index].twist
+
+
+_SCHEMA: dict[str, Parameter] = {}
+
+
+def schema() -> dict[str, Parameter]:
+    """Every parameter of a scene by dotted name."""
+    if not _SCHEMA:
+        _SCHEMA.update(describe(Scene))
+    return _SCHEMA
+
+
+def load(path: str | Path, node: str = "connector", namespace: str = "/") -> Scene:
+    """Read the scene in a ROS 2 parameter file, as the node ``node`` in ``namespace`` sees it.
+
+    Blocks with wildcards (``/**``) come first, then the node's own. Raises :class:`SceneError`
+    for a file that cannot be read or used; the text begins with the file's name.
+    """
+    parameters = scene_file.load_parameters(path, node, namespace)
+    try:
+        return Scene.from_parameters(scene_file.scene_part(parameters))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+
+
+def _get(scene: Scene, name: str) -> Any:
+    value: Any = scene
+    for part in name.split("."):
+        value = None if value is None else getattr(value, part)
+    return value
+
+
+def _take(cls: type, name: str, prefix: str, values: Mapping[str, Any]) -> Any:
+    """Take the value of field ``name`` of ``cls``: a parameter, or a group made of several."""
+    for group_name, group_cls, absent in groups(cls):
+        if group_name == name:
+            below = f"{prefix}{name}."
+            fields = dataclasses.fields(group_cls)
+            made = {f.name: _take(group_cls, f.name, below, values) for f in fields}
+            return None if absent and not any(made.values()) else group_cls(**made)
+    return values[prefix + name]
+
+
+def _unknown(name: str, value: object, table: Mapping[str, Parameter]) -> str:
+    parts = {known.rsplit(".", level)[0] for known in table for level in (0, 1, 2)}
+    near = difflib.get_close_matches(name, sorted(parts), n=1)
+    below = [known for known in table if known.startswith(name + ".")]
+    text = f"{name} = {show(value)}: no such parameter"
+    if below:
+        return f"{text}; it is a group: give {', '.join(below)}"
+    return f"{text}; did you mean {near[0]}?" if near else text
