@@ -1,0 +1,22 @@
+# The ROS wheels on PyPI name an include directory of the machine they were built on, and CMake refuses
+# targets whose include directories do not exist. Drop those from every imported target.
+# Changes nothing where every directory exists, as on a ROS installation.
+function(drop_missing_include_directories)
+  get_property(targets DIRECTORY PROPERTY IMPORTED_TARGETS)
+  foreach(target IN LISTS targets)
+    get_target_property(directories ${target} INTERFACE_INCLUDE_DIRECTORIES)
+    if(NOT directories)
+      continue()
+    endif()
+    set(kept ${directories})
+    foreach(directory IN LISTS directories)
+      if(IS_ABSOLUTE "${directory}" AND NOT EXISTS "${directory}")
+        list(REMOVE_ITEM kept "${directory}")
+      endif()
+    endforeach()
+    if(NOT kept STREQUAL directories)
+      set_target_properties(${target} PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${kept}")
+      message(STATUS "${target}: dropped include directories that do not exist")
+    endif()
+  endforeach()
+endfunction()

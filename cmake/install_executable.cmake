@@ -1,0 +1,11 @@
+# Install lib/${PROJECT_NAME}/<name>, what `ros2 run` finds: it calls main() of a Python module.
+function(install_executable name module)
+  if(CYLCONN_RELOCATABLE)
+    set(template executable_relocatable.in)
+  else()
+    set(template executable.in)
+  endif()
+  set(script ${CMAKE_CURRENT_BINARY_DIR}/executables/${name})
+  configure_file(${CMAKE_CURRENT_SOURCE_DIR}/cmake/${template} ${script} @ONLY)
+  install(PROGRAMS ${script} DESTINATION lib/${PROJECT_NAME})
+endfunction()
