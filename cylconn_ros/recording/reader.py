@@ -1,0 +1,241 @@
+"""Read a recorded run back: one table of NumPy columns per topic, and the parameters in force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from . import schema
+from .columns import columns
+from .errors import RecordingError
+from .writer import METADATA_RECORD
+
+_STATE_TYPE = "cylconn_ros/msg/ConnectorState"
+
+
+@dataclass(frozen=True)
+class Table:
+    """The messages of one topic in the order they were written.
+
+    ``table["pose.position.x"]`` is the column of a field, shape (n,) or (n, k). Messages that are
+    not what their type says are left out of the columns and counted in ``undecodable``.
+    """
+
+    topic: str
+    type: str
+    log_time: npt.NDArray[np.int64]  # (n,) ns since the epoch, when recorded
+    publish_time: npt.NDArray[np.int64]  # (n,) ns since the epoch, when sent
+    columns: Mapping[str, npt.NDArray[Any]]
+    undecodable: int
+
+    def __len__(self) -> int:
+        return len(self.log_time)
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        try:
+            return self.columns[name]
+        except KeyError:
+            known = ", ".join(self.columns) or "none"
+            raise RecordingError(f"{self.topic} has no field {name!r}; it has {known}") from None
+
+    @property
+    def stamp(self) -> npt.NDArray[np.int64]:
+        """Header stamps, ns, shape (n,)."""
+        seconds = self["header.stamp.sec"].astype(np.int64)
+        return seconds * 1_000_000_000 + self["header.stamp.nanosec"]
+
+    @property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Seconds since the first header stamp, shape (n,)."""
+        stamp = self.stamp
+        return np.asarray((stamp - stamp[:1]) * 1e-9, dtype=np.float64)
+
+
+@dataclass
+class _Channel:
+    type: str
+    definition: str
+    messages: list[bytes] = field(default_factory=list)
+    log_time: list[int] = field(default_factory=list)
+    publish_time: list[int] = field(default_factory=list)
+
+
+class Run:
+    """A recorded run.
+
+    Attributes
+    ----------
+        path: the MCAP file.
+        metadata: texts stored with the run (``version``, ``method``, ``parameters``, …).
+        parameters: parameters in force, nested as in a scene file; empty if none were stored.
+        counts: messages per topic.
+        incomplete: why the recording is not whole, or None.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, str],
+        channels: Mapping[str, _Channel],
+        incomplete: str | None = None,
+    ) -> None:
+        self.path = path
+        self.metadata = dict(metadata)
+        self.incomplete = incomplete
+        self.parameters = _parameters(metadata.get("parameters", ""))
+        self.counts = {topic: len(channel.messages) for topic, channel in channels.items()}
+        self.types = {topic: channel.type for topic, channel in channels.items()}
+        self._channels = channels
+        self._tables: dict[str, Table] = {}
+
+    @property
+    def version(self) -> str:
+        """Version of the program that recorded it; empty if unknown."""
+        return self.metadata.get("version", "")
+
+    @property
+    def duration(self) -> float:
+        """Seconds of wall clock from the first to the last message."""
+        ends = [(c.log_time[0], c.log_time[-1]) for c in self._channels.values() if c.log_time]
+        return (max(e for _, e in ends) - min(s for s, _ in ends)) * 1e-9 if ends else 0.0
+
+    def raw(self, topic: str) -> Iterator[tuple[int, int, bytes]]:
+        """Log time, publish time (ns) and bytes of every message of a topic, as written."""
+        channel = self._channel(topic)
+        return zip(channel.log_time, channel.publish_time, channel.messages, strict=True)
+
+    def table(self, topic: str) -> Table:
+        """Decode a topic; raises RecordingError if it is unknown or its type has no columns."""
+        if topic not in self._tables:
+            channel = self._channel(topic)
+            name = schema.short_name(channel.type)[0]
+            try:
+                parsed = schema.parse(channel.type, channel.definition)
+                found, good = columns(parsed, name, channel.messages)
+            except RecordingError as error:
+                raise RecordingError(f"{topic} ({channel.type}): {error}") from None
+            self._tables[topic] = Table(
+                topic,
+                channel.type,
+                np.array(channel.log_time, dtype=np.int64)[good],
+                np.array(channel.publish_time, dtype=np.int64)[good],
+                found,
+                int((~good).sum()),
+            )
+        return self._tables[topic]
+
+    @property
+    def state(self) -> Table:
+        """The connector's states; raises RecordingError unless exactly one topic has them."""
+        topics = [topic for topic, name in self.types.items() if name == _STATE_TYPE]
+        if len(topics) != 1:
+            found = ", ".join(topics) or "none"
+            raise RecordingError(f"{self.path}: expected one topic of {_STATE_TYPE}, found {found}")
+        return self.table(topics[0])
+
+    def topic(self, ending: str) -> str:
+        """Find the one topic whose name ends in ``ending``, whatever namespace the run had."""
+        found = [t for t in self.types if t == ending or t.endswith("/" + ending.lstrip("/"))]
+        if len(found) != 1:
+            names = ", ".join(found or self.types)
+            raise RecordingError(f"{self.path}: no single topic {ending} among {names}")
+        return found[0]
+
+    def _channel(self, topic: str) -> _Channel:
+        try:
+            return self._channels[topic]
+        except KeyError:
+            names = ", ".join(self._channels) or "none"
+            raise RecordingError(f"{self.path}: no topic {topic}; it has {names}") from None
+
+
+def read_run(path: Path | str) -> Run:
+    """Read a recorded run from its directory, or from its MCAP file.
+
+    Raises RecordingError when there is no recording, it was never finished, or its parts disagree.
+    """
+    path = Path(path)
+    declared: dict[str, Any] | None = None
+    file = path
+    if path.is_dir():
+        declared = _bag_information(path)
+        names = declared.get("relative_file_paths") or []
+        if len(names) != 1:
+            raise RecordingError(f"{path}: expected one recorded file, found {len(names)}")
+        file = path / names[0]
+    metadata: dict[str, str] = {}
+    channels: dict[str, _Channel] = {}
+    try:
+        with file.open("rb") as stream:
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            if summary is None:
+                raise RecordingError(f"{file}: never finished (no summary at its end)")
+            for record in reader.iter_metadata():
+                if record.name == METADATA_RECORD:
+                    metadata.update(record.metadata)
+            for channel in summary.channels.values():
+                found = summary.schemas[channel.schema_id]
+                channels[channel.topic] = _Channel(found.name, found.data.decode("utf-8"))
+            for _, channel, message in reader.iter_messages(log_time_order=False):
+                kept = channels[channel.topic]
+                kept.messages.append(message.data)
+                kept.log_time.append(message.log_time)
+                kept.publish_time.append(message.publish_time)
+    except OSError as error:
+        raise RecordingError(f"{file}: {error.strerror or error}") from error
+    except (McapError, ValueError, KeyError) as error:
+        raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
+    run = Run(file, metadata, channels)
+    run.incomplete = _disagreement(run, declared)
+    return run
+
+
+def _bag_information(directory: Path) -> dict[str, Any]:
+    path = directory / "metadata.yaml"
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return dict(content["rosbag2_bagfile_information"])
+    except FileNotFoundError:
+        raise RecordingError(
+            f"{directory}: no metadata.yaml: not a recorded run, or one that was never closed"
+        ) from None
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror or error}") from error
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"{path}: not metadata of a recorded run: {error!r}") from error
+
+
+def _disagreement(run: Run, declared: dict[str, Any] | None) -> str | None:
+    """Compare what metadata.yaml says with what is in the file."""
+    if declared is None:
+        return None
+    reason = (declared.get("custom_data") or {}).get("incomplete")
+    if reason:
+        return str(reason)
+    for item in declared.get("topics_with_message_count", []):
+        name, count = item["topic_metadata"]["name"], item["message_count"]
+        if run.counts.get(name, 0) != count:
+            return f"{name}: metadata.yaml says {count} messages, found {run.counts.get(name, 0)}"
+    return None
+
+
+def _parameters(text: str) -> dict[str, Any]:
+    if not text:
+        return {}
+    try:
+        nodes = yaml.safe_load(text) or {}
+        merged: dict[str, Any] = {}
+        for block in nodes.values():
+            merged.update(block["ros__parameters"])
+        return merged
+    except (yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+        raise RecordingError(f"parameters stored with the run: {error!r}") from error

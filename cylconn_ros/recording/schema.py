@@ -1,0 +1,94 @@
+"""What a ``ros2msg`` schema says: the fields of a message and of the messages it contains."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from .errors import RecordingError
+
+PRIMITIVES = {
+    "bool": "?",
+    "byte": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+}
+"""NumPy codes of the fixed-size field types."""
+
+_FIELD = re.compile(
+    r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?"  # type, bound of a string
+    r"(?P<array>\[(?:<=)?\d*\])?"  # [], [N] or [<=N]
+    r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<constant>=)?"
+)
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field: its element type (primitive, ``string`` or ``package/Name``) and how many."""
+
+    name: str
+    type: str
+    count: int | None = 1  # None: a sequence, its length is in the message
+    is_array: bool = False
+
+
+Schema = dict[str, tuple[Field, ...]]  # "package/Name" -> fields
+
+
+def parse(type_name: str, text: str) -> Schema:
+    """Read a schema as recorded: the definition, then each one it refers to below ``MSG:`` lines.
+
+    Raises RecordingError naming the line that cannot be understood or the type that is missing.
+    """
+    schema: Schema = {}
+    current, package = short_name(type_name)
+    fields: list[Field] = []
+    for line in text.splitlines():
+        if line.startswith("MSG: "):
+            schema[current] = tuple(fields)
+            current, package = short_name(line[5:].strip())
+            fields = []
+            continue
+        code = line.partition("#")[0].strip()
+        if not code or set(code) == {"="}:
+            continue
+        field = _field(code, package)
+        if field is not None:
+            fields.append(field)
+    schema[current] = tuple(fields)
+    for name, members in schema.items():
+        for member in members:
+            if member.type not in PRIMITIVES and member.type not in {"string", *schema}:
+                raise RecordingError(f"schema of {name}: {member.type} is not defined")
+    return schema
+
+
+def short_name(type_name: str) -> tuple[str, str]:
+    """``package/msg/Name`` or ``package/Name`` -> (``package/Name``, ``package``)."""
+    package, _, name = type_name.replace("/msg/", "/").partition("/")
+    return f"{package}/{name}", package
+
+
+def _field(code: str, package: str) -> Field | None:
+    match = _FIELD.match(code)
+    if match is None:
+        raise RecordingError(f"schema: cannot understand {code!r}")
+    if match["constant"]:
+        return None
+    kind = match["type"]
+    if kind not in PRIMITIVES and kind != "string":
+        kind = short_name(kind)[0] if "/" in kind else f"{package}/{kind}"
+    array = match["array"]
+    if array is None:
+        return Field(match["name"], kind)
+    size = array[1:-1]
+    return Field(match["name"], kind, int(size) if size.isdigit() else None, is_array=True)
