@@ -1,8 +1,8 @@
 """pip's front end: run the same CMake as colcon into a staging prefix and pack what it installs.
 
-Nothing is described twice: CMakeLists.txt says what is installed where, package.xml says name, version
-and licence, and this file turns the staged prefix into a wheel. The Python package, with the generated
-messages in it, becomes the wheel's package; everything else becomes data files of the prefix.
+Nothing is described twice: CMakeLists.txt says what is installed where, package.xml says name,
+version and licence, and this file turns the staged prefix into a wheel. The Python package, with
+the generated messages in it, becomes the wheel's package; everything else becomes data files.
 """
 
 import os
@@ -12,14 +12,20 @@ import sys
 import sysconfig
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import cast
 
 from setuptools import Command, Distribution, find_packages, setup
 from setuptools.command.build import build
 from setuptools.command.build_py import build_py
 
-from distutils.command.install_data import install_data  # setuptools' own copy: import it after
+# isort: split
+from distutils.command.install_data import install_data  # setuptools' own copy of distutils
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE / "scripts"))
+
+import toolchain  # noqa: E402  (ours, beside this file: a build backend does not look there)
+
 PACKAGE = ElementTree.parse(HERE / "package.xml").getroot()
 NAME = PACKAGE.findtext("name", "").strip()
 PARENT_PREFIXES = ("share", "ament_index", "resource_index", "parent_prefix_path")
@@ -77,35 +83,18 @@ def find_ros() -> list[Path]:
     for package in ("ament_cmake", "rosidl_default_generators", "std_msgs"):
         if not any((prefix / "share" / package / "cmake").is_dir() for prefix in prefixes):
             raise CannotBuild(
-                f"the ROS 2 package {package} is not in this environment. Build with pip's own build "
-                "environment (leave out --no-build-isolation), install the requirements of pyproject.toml's "
-                "[build-system] first, or source a ROS 2 Jazzy installation."
+                f"the ROS 2 package {package} is not in this environment. Let pip make its own "
+                "(leave out --no-build-isolation), install the requirements listed in "
+                "pyproject.toml's [build-system] first, or source a ROS 2 Jazzy installation."
             )
     return list(dict.fromkeys(prefixes))
 
 
-def check_compiler() -> None:
-    """Raise CannotBuild where there is no C++ compiler or no Python header: generated code needs both."""
-    named = os.environ.get("CXX", "").split()
-    if not any(shutil.which(name) for name in (named[:1] or ("c++", "g++", "clang++"))):
-        missing = (
-            f"CXX names {named[0]}, which is not found" if named else "there is no C++ compiler"
-        )
-        raise CannotBuild(f"{missing}. On Debian or Ubuntu: sudo apt install g++")
-    header = Path(sysconfig.get_path("include"), "Python.h")
-    if not header.is_file():
-        version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        raise CannotBuild(
-            f"Python {version} has no headers ({header} is missing). "
-            f"On Debian or Ubuntu: sudo apt install python{version}-dev"
-        )
-
-
 class StageWithCMake(Command):
-    """Configure, build and install with CMake; `prefix` is then the installed tree, below DESTDIR."""
+    """Configure, build and install with CMake; `prefix` is then the installed tree."""
 
     description = "build messages and install everything into a staging tree, with CMake"
-    user_options: list = []
+    user_options: list[tuple] = []
 
     def initialize_options(self) -> None:
         self.work = self.prefix = Path()
@@ -118,7 +107,9 @@ class StageWithCMake(Command):
     def run(self) -> None:
         if self.done:
             return
-        check_compiler()
+        missing = toolchain.missing_for_building()
+        if missing:
+            raise CannotBuild(toolchain.explain(missing).replace("\n", " "))
         prefixes = find_ros()
         tree, stage = self.work / "cmake", self.work / "stage"
         for stale in (tree, stage):  # they name paths of an earlier, vanished build environment
@@ -163,13 +154,20 @@ class StageWithCMake(Command):
         return next(self.prefix.glob(f"**/{NAME}/msg/__init__.py")).parents[1]
 
     def data(self) -> list[Path]:
-        """Staged files outside the Python package and what only describes the machine it was built on."""
+        """Staged files outside the package, without what only describes the building machine."""
         left_out = {self.package().parent, self.prefix.joinpath(*PARENT_PREFIXES)}
         files = (path for path in sorted(self.prefix.rglob("*")) if not path.is_dir())
         return [path for path in files if left_out.isdisjoint(path.parents)]
 
 
+def staged(command: Command) -> StageWithCMake:
+    """Give the finished staging command that `command` is to pack."""
+    return cast("StageWithCMake", command.get_finalized_command("stage_with_cmake"))
+
+
 class Build(build):
+    """Stage before anything is packed."""
+
     sub_commands = [("stage_with_cmake", None), *build.sub_commands]
 
 
@@ -181,8 +179,7 @@ class BuildPackage(build_py):
             super().run()
             return
         shutil.rmtree(self.build_lib, ignore_errors=True)  # modules deleted since an earlier build
-        package = self.get_finalized_command("stage_with_cmake").package()
-        shutil.copytree(package, Path(self.build_lib, NAME))
+        shutil.copytree(staged(self).package(), Path(self.build_lib, NAME))
 
 
 class InstallData(install_data):
@@ -193,10 +190,10 @@ class InstallData(install_data):
     """
 
     def run(self) -> None:
-        stage = self.get_finalized_command("stage_with_cmake")
+        stage = staged(self)
         for path in stage.data():
             self.put(path, Path(self.install_dir, path.relative_to(stage.prefix)))
-        if self.get_finalized_command("build_py").editable_mode:
+        if cast("BuildPackage", self.get_finalized_command("build_py")).editable_mode:
             packages = Path(self.install_dir).with_name(
                 "platlib"
             )  # beside `data` in a wheel's .data
@@ -212,7 +209,7 @@ class InstallData(install_data):
 
 
 class RosDistribution(Distribution):
-    """A distribution with compiled messages and data files, though CMake knows them and setuptools does not."""
+    """Has compiled messages and data files, which CMake knows of and setuptools does not."""
 
     def has_ext_modules(self) -> bool:
         return True

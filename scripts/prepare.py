@@ -1,0 +1,150 @@
+"""Prepare .venv for `make demo` or `make test`: ROS 2 wheels, tools, this package (editable).
+
+Needs the network once. Later runs compare a fingerprint of what the build reads and do nothing, or
+build again offline. Standard library only.
+"""
+
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+import venv
+from pathlib import Path
+
+import toolchain
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+PYTHON = VENV / "bin" / "python"
+STAMP = VENV / "prepared.json"
+LOG = VENV / "prepare.log"
+BUILD_FILES = ("CMakeLists.txt", "package.xml", "pyproject.toml", "setup.py")
+BUILD_FOLDERS = ("cmake", "config", "launch", "msg")
+EXTRAS = {"demo": ("demo",), "test": ("demo", "test")}  # what preparing for one also serves
+
+
+class PrepareError(Exception):
+    """A plain sentence for the user."""
+
+
+def fingerprint() -> str:
+    """Hash whatever an installation copies or builds; Python sources are used in place."""
+    files = [ROOT / name for name in BUILD_FILES]
+    for folder in BUILD_FOLDERS:
+        files += sorted(path for path in (ROOT / folder).rglob("*") if path.suffix != ".pyc")
+    digest = hashlib.sha256()
+    for path in files:
+        if path.is_file():
+            digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def build_requirements() -> list[str]:
+    """Read [build-system] requires: plain strings, and Python 3.10 has no tomllib."""
+    text = (ROOT / "pyproject.toml").read_text()
+    block = re.search(r"^requires = \[(.*?)^\]", text, re.DOTALL | re.MULTILINE)
+    if block is None:
+        raise PrepareError("pyproject.toml has no [build-system] requires")
+    return re.findall(r'"([^"]+)"', block[1])
+
+
+def step(what: str, *command: str) -> None:
+    """Run a command with its output in the log, showing what is done and for how long."""
+    started = time.monotonic()
+    done = threading.Event()
+    live = sys.stdout.isatty()
+
+    def show() -> None:
+        while not done.wait(1.0):
+            print(f"\r  {what} … {time.monotonic() - started:.0f} s", end="", flush=True)
+
+    print(f"  {what} …", end="" if live else "\n", flush=True)
+    ticker = threading.Thread(target=show, daemon=True)
+    if live:
+        ticker.start()
+    with LOG.open("a") as log:
+        log.write(f"\n$ {' '.join(command)}\n")
+        log.flush()
+        code = subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT).returncode
+    done.set()
+    if live:
+        ticker.join()
+        print(f"\r  {what}: {time.monotonic() - started:.0f} s   ")
+    if code:
+        raise PrepareError(diagnosis(LOG.read_text().rsplit("\n$ ", 1)[-1]))
+
+
+def diagnosis(output: str) -> str:
+    """Say in a sentence why pip failed, where its output tells."""
+    refused = re.search(r"cylconn_ros cannot be built: .*", output)
+    if refused:
+        return refused[0]
+    unreachable = (
+        "Failed to establish a new connection|Temporary failure in name resolution|timed out"
+    )
+    if re.search(f"{unreachable}|NewConnectionError|NameResolutionError", output):
+        return "the package index cannot be reached; the first run needs the network"
+    tail = "\n".join(output.strip().splitlines()[-12:])
+    return f"it ended with\n{tail}\n(all of it: {LOG.relative_to(ROOT)})"
+
+
+def environment_version() -> str:
+    """Version of the Python in .venv; empty where it does not run, as after a system upgrade."""
+    ask = "import sys; print('{}.{}'.format(*sys.version_info))"
+    try:
+        answer = subprocess.run([PYTHON, "-I", "-c", ask], capture_output=True, text=True)
+    except OSError:
+        return ""
+    return answer.stdout.strip()
+
+
+def make_environment() -> None:
+    """Make .venv, anew where it is broken or another Python is asked for."""
+    wanted = "{}.{}".format(*sys.version_info)
+    present = environment_version()
+    if present and (present == wanted or not os.environ.get("PYTHON")):
+        return
+    missing = toolchain.missing_for_environment()
+    if missing:
+        raise PrepareError(toolchain.explain(missing))
+    print(f"  environment .venv with Python {wanted}")
+    venv.create(VENV, clear=True, with_pip=True)
+
+
+def prepare(purpose: str) -> None:
+    """Bring .venv up to date for `purpose`, a key of EXTRAS."""
+    make_environment()
+    stamp = json.loads(STAMP.read_text()) if STAMP.exists() else {}
+    current = fingerprint()
+    fresh = stamp.get("fingerprint") == current
+    if fresh and purpose in stamp["purposes"]:
+        return
+    STAMP.unlink(missing_ok=True)
+    LOG.unlink(missing_ok=True)
+    pip = (str(PYTHON), "-m", "pip", "--disable-pip-version-check", "install")
+    purposes = {*EXTRAS[purpose], *stamp.get("purposes", ())}
+    step("build tools of ROS 2", *pip, *build_requirements())
+    editable = f".[{','.join(sorted(purposes))}]"
+    step("messages, package and dependencies", *pip, "--no-build-isolation", "-e", editable)
+    STAMP.write_text(json.dumps({"fingerprint": current, "purposes": sorted(purposes)}))
+
+
+def main() -> int:
+    """Prepare for the purpose named on the command line."""
+    try:
+        prepare(sys.argv[1])
+    except PrepareError as failure:
+        print(f"\nCannot prepare the environment: {failure}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ninterrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
