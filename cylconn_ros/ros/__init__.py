@@ -1,0 +1,1 @@
+"""The ROS rooms: conversions, nodes and diagnostics; the only place that knows ROS."""

@@ -1,0 +1,135 @@
+"""Messages to CDR: writers that keep a message's bytes and change only its numbers.
+
+Everything that stays the same from one message to the next (frame, names, method) is laid out once,
+in the machine's own byte order; writing is then a stamp, a block of numbers and one copy.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from cylconn_ros.core import layout
+
+_ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
+_HEADER = 4
+_SECOND = 1_000_000_000
+_STAMP = struct.Struct("=iI")
+_NUMBERS = struct.Struct("=4BI")
+
+
+class _Message:
+    """The bytes of a message under construction."""
+
+    def __init__(self, frame: str) -> None:
+        self.data = bytearray(_ENCAPSULATION + bytes(8))
+        self.string(frame)
+
+    def align(self, size: int) -> int:
+        self.data += bytes((_HEADER - len(self.data)) % size)
+        return len(self.data)
+
+    def count(self, count: int) -> None:
+        self.align(4)
+        self.data += struct.pack("=I", count)
+
+    def string(self, text: str) -> None:
+        encoded = text.encode() + b"\x00"
+        self.count(len(encoded))
+        self.data += encoded
+
+    def block(self, size: int, align: int = 8) -> int:
+        """Room for ``size`` bytes; where it begins."""
+        at = self.align(align)
+        self.data += bytes(size)
+        return at
+
+
+def _stamp(data: bytearray, stamp: int) -> None:
+    _STAMP.pack_into(data, _HEADER, *divmod(stamp, _SECOND))
+
+
+class StampedWriter:
+    """Write PoseStamped (``count`` 7), TwistStamped or WrenchStamped (6) messages of one frame."""
+
+    def __init__(self, frame: str, count: int = 6) -> None:
+        message = _Message(frame)
+        self._at = message.block(8 * count)
+        self._data = message.data
+
+    def write(self, stamp: int, values: np.ndarray) -> bytes:
+        """Write ``values`` ((count,) float64, contiguous) with a stamp in ns."""
+        _stamp(self._data, stamp)
+        self._data[self._at :] = values.tobytes()
+        return bytes(self._data)
+
+
+class OdometryWriter:
+    """Write Odometry messages; covariances are zero, which means unknown."""
+
+    def __init__(self, frame: str, child_frame: str) -> None:
+        message = _Message(frame)
+        message.string(child_frame)
+        self._pose = message.block(56)
+        message.block(36 * 8)
+        self._twist = message.block(48)
+        message.block(36 * 8)
+        self._data = message.data
+
+    def write(self, stamp: int, pose: np.ndarray, twist: np.ndarray) -> bytes:
+        """Write a pose (7,) in the frame and a twist (6,) in the child frame; stamp in ns."""
+        _stamp(self._data, stamp)
+        self._data[self._pose : self._pose + 56] = pose.tobytes()
+        self._data[self._twist : self._twist + 48] = twist.tobytes()
+        return bytes(self._data)
+
+
+class JointStateWriter:
+    """Write JointState messages with position, velocity and effort of named joints."""
+
+    def __init__(self, frame: str, names: Sequence[str]) -> None:
+        message = _Message(frame)
+        message.count(len(names))
+        for name in names:
+            message.string(name)
+        self._blocks = []
+        for _ in range(3):
+            message.count(len(names))
+            self._blocks.append(message.block(8 * len(names)))
+        self._numbers = struct.Struct(f"={len(names)}d")
+        self._data = message.data
+
+    def write(
+        self,
+        stamp: int,
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        efforts: Sequence[float],
+    ) -> bytes:
+        """Write three numbers a joint, in the order of the names; stamp in ns."""
+        _stamp(self._data, stamp)
+        for at, values in zip(self._blocks, (positions, velocities, efforts), strict=True):
+            self._numbers.pack_into(self._data, at, *values)
+        return bytes(self._data)
+
+
+class StateWriter:
+    """Write ConnectorState messages from the connector's OUT array."""
+
+    def __init__(self, frame: str, method: str) -> None:
+        message = _Message(frame)
+        self._block = message.block(8 * layout.NSTATE)
+        self._numbers = message.block(_NUMBERS.size, 4)
+        message.string(method)
+        self._data = message.data
+
+    def write(self, stamp: int, out: np.ndarray) -> bytes:
+        """Write ``out`` ((NOUT,) float64, core/layout.py) with a stamp in ns."""
+        _stamp(self._data, stamp)
+        self._data[self._block : self._numbers] = out[layout.STATE].tobytes()
+        numbers = out[layout.REGIME : layout.NOUT].tolist()
+        _NUMBERS.pack_into(self._data, self._numbers, *map(int, numbers))
+        return bytes(self._data)
