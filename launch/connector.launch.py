@@ -1,4 +1,4 @@
-"""One connector on your topics: ros2 launch cylconn_ros connector.launch.py params_file:=mine.yaml."""
+"""A connector on your own topics: ros2 launch cylconn_ros connector.launch.py params_file:=…."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -10,7 +10,7 @@ EXAMPLE = PathJoinSubstitution([FindPackageShare("cylconn_ros"), "config", "conn
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start the node; it configures and activates itself unless its parameter autostart is false."""
+    """Start the node, which activates itself unless its parameter autostart is false."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

@@ -1,4 +1,4 @@
-"""Plant and connector on one scene file, in lock step; all ends when the plant has run its time."""
+"""Plant and connector on one scene file, in lock step; the plant's end ends all."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, Shutdown

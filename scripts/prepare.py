@@ -80,9 +80,12 @@ def step(what: str, *command: str) -> None:
 
 def diagnosis(output: str) -> str:
     """Say in a sentence why pip failed, where its output tells."""
+    compiling = re.search(
+        r"CMake Error.*\n(?:\s*\S.*\n)*|.*\berror: .*\.(?:c|cpp|h|hpp)\b.*", output
+    )
     refused = re.search(r"cylconn_ros cannot be built: .*", output)
     if refused:
-        return refused[0]
+        return f"{refused[0]}\n{compiling[0] if compiling else ''}(all of it: {LOG})"
     unreachable = (
         "Failed to establish a new connection|Temporary failure in name resolution|timed out"
     )
