@@ -130,19 +130,13 @@ class StageWithCMake(Command):
         cmake = shutil.which("cmake", path=path)
         if cmake is None:
             raise CannotBuild("cmake is not on PATH. Install it with: python -m pip install cmake")
-        index = os.pathsep.join(map(str, prefixes))
         for step in (
             ["-S", HERE, "-B", tree, *configure],
             ["--build", tree, "--parallel", os.cpu_count() or 1],
             ["--install", tree],
         ):
             command = [cmake, *map(str, step)]
-            environment = {
-                **os.environ,
-                "PATH": path,
-                "AMENT_PREFIX_PATH": index,
-                "DESTDIR": str(stage),
-            }
+            environment = {**os.environ, "PATH": path, "DESTDIR": str(stage)}
             if subprocess.run(command, env=environment).returncode:
                 raise CannotBuild("the CMake build failed; what it said is above")
         for cache in list(self.prefix.rglob("__pycache__")):  # pip compiles at its own time
