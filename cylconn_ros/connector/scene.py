@@ -115,6 +115,17 @@ class Reference:
         choices=("hold", "zero"),
         doc="The slot constraint's target: the offsets of the first accepted sample, or zero.",
     )
+    misalignment: str = parameter(
+        "hold",
+        choices=("hold", "zero"),
+        doc="The revolute constraint's target: the misalignment of the first accepted sample, or zero.",
+    )
+    pull_in_speed: float = parameter(
+        0.1, gt=0.0, unit="m/s", doc="Greatest speed at which an offset violation is removed."
+    )
+    pull_in_rate: float = parameter(
+        1.0, gt=0.0, unit="rad/s", doc="Greatest rate at which an angular violation is removed."
+    )
     length: float = parameter(
         NAN, unit="m", doc="Constitutive reference l1ref; .nan: the first accepted sample's."
     )
@@ -212,19 +223,34 @@ class Damping:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Penalty:
-    """Gains of the penalty method."""
+    """Gains of the penalty method; a sampled spring is stable up to about m/h^2, its damper to m/h."""
 
     stiffness: float = parameter(
-        NAN, gt=0.0, unit="N/m", doc="Constraint stiffness; .nan: chosen by the method."
+        NAN, gt=0.0, unit="N/m", example=1e4, doc="Stiffness of the offsets; needed by penalty."
     )
     damping: float = parameter(
-        NAN, ge=0.0, unit="N.s/m", doc="Constraint damping; .nan: chosen by the method."
+        NAN, ge=0.0, unit="N.s/m", example=20.0, doc="Damping of the offsets; needed by penalty."
+    )
+    rotational_stiffness: float = parameter(
+        NAN,
+        gt=0.0,
+        unit="N.m/rad",
+        doc="Stiffness of the swings; .nan: stiffness r^2, with r = overlap/2 or radius, the greater.",
+    )
+    rotational_damping: float = parameter(
+        NAN, ge=0.0, unit="N.m.s/rad", doc="Damping of the swings; .nan: damping r^2."
     )
     stick_stiffness: float = parameter(
-        NAN, gt=0.0, unit="N/m", doc="Stick stiffness; .nan: from elastic_slip, or by the method."
+        NAN,
+        gt=0.0,
+        unit="N/m",
+        doc="Stick stiffness; .nan: stiffness, or what the preload gives over elastic_slip.",
     )
     elastic_slip: float = parameter(
-        NAN, gt=0.0, unit="m", doc="Allowed elastic slip; .nan: chosen by the method."
+        NAN,
+        gt=0.0,
+        unit="m",
+        doc="Elastic slip allowed at the friction limit of the preload; .nan: not stated.",
     )
 
 

@@ -1,0 +1,69 @@
+"""The connector: one public step for everybody, live node, replay, plant loop and benchmark alike."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.packing import choose_method, describe_model, pack
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout, model
+from cylconn_ros.methods import step as methods
+
+Array = NDArray[np.float64]
+
+
+class Connector:
+    """A cylindrical connector between two bodies, answering one sample after the other.
+
+    Attributes
+    ----------
+        method: the method that answers; what ``auto`` picked.
+        model: one line saying what is modelled and what is left out.
+
+    Raises :class:`~cylconn_ros.connector.parameters.SceneError` for a scene that the method cannot serve.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.method = choose_method(scene)
+        self.model = describe_model(scene, self.method)
+        self._method = methods.NAMES[self.method]
+        self._par = pack(scene)
+        self._mem = np.zeros(model.NMEM)
+        self._period = scene.period
+
+    def reset(self) -> None:
+        """Forget the reference configuration and all history: the next sample is the first."""
+        self._mem[:] = 0.0
+
+    @property
+    def memory(self) -> Array:
+        """(NMEM,) a copy of all that is remembered; assign one to go back to it."""
+        return self._mem.copy()
+
+    @memory.setter
+    def memory(self, memory: Array) -> None:
+        self._mem[:] = memory
+
+    def step(self, sample: Array, h: float = 0.0, out: Array | None = None) -> Array:
+        """Answer one sample.
+
+        Args:
+            sample: (NSAMPLE,) poses, twists and loads, SI units, world axes (core/layout.py).
+            h: seconds since the previous sample; used only where the scene's period is 0.
+            out: (NOUT,) where to put the answer; a new array by default.
+
+        Returns
+        -------
+            (NOUT,) the two wrenches as they are published, the state block, and the whole numbers. A sample that
+            cannot be used gives a zero wrench and says why in ``STATUS``. Nothing raises.
+        """
+        if out is None:
+            out = np.empty(layout.NOUT)
+        methods.step(self._method, self._par, self._mem, sample, self._period or h, out)
+        return out
+
+    def run(self, samples: Array) -> Array:
+        """Answer (N, NSAMPLE) samples in order: (N, NOUT). The scene's period must not be 0."""
+        outs = np.empty((len(samples), layout.NOUT))
+        methods.run(self._method, self._par, self._mem, samples, self._period, outs)
+        return outs

@@ -1,0 +1,186 @@
+"""A scene in numbers: the parameter array that the compiled step reads, and the method it asks for."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.parameters import SceneError, show
+from cylconn_ros.connector.scene import Body, Friction, Node, Scene
+from cylconn_ros.core import model
+
+Array = NDArray[np.float64]
+
+
+def choose_method(scene: Scene) -> str:
+    """The method that ``auto`` stands for: impulse where every inertia is known, else penalty."""
+    if scene.method != "auto":
+        return scene.method
+    return "penalty" if "unknown" in (scene.body_a.kind, scene.body_b.kind) else "impulse"
+
+
+def pack(scene: Scene, *, plant: bool = False) -> Array:
+    """The parameter array of ``scene``, laid out as in :mod:`cylconn_ros.core.model`.
+
+    A plant knows the inertia of every body that it moves, also where the connector does not.
+
+    Raises :class:`SceneError` for what the chosen method needs and the scene does not give.
+    """
+    table = _table(scene.friction)
+    par = np.zeros(model.TABLE + len(table))
+    par[model.GRAVITY : model.GRAVITY + 3] = scene.gravity
+    par[model.BODY_A : model.BODY_A + 18] = _body(scene.body_a, plant)
+    par[model.BODY_B : model.BODY_B + 18] = _body(scene.body_b, plant)
+    node_a, node_b = scene.node_a, scene.node_b
+    par[model.NODE_A : model.NODE_A + 3] = _from_com(node_a, scene.body_a)
+    par[model.NODE_A + 3 : model.NODE_A + 7] = node_a.orientation
+    par[model.NODE_B : model.NODE_B + 3] = _from_com(node_b, scene.body_b)
+    if node_b.orientation:
+        par[model.NODE_B + 3] = 1.0
+        par[model.NODE_B + 4 : model.NODE_B + 8] = node_b.orientation
+    ref = scene.reference
+    par[model.REFERENCE : model.REFERENCE + 4] = (
+        ref.offsets == "hold",
+        ref.misalignment == "hold",
+        ref.length,
+        ref.angle,
+    )
+    par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
+    par[model.FRICTION : model.FRICTION + 12] = _friction(scene.friction)
+    elasticity, damping = scene.elasticity, scene.damping
+    par[model.ELASTICITY : model.ELASTICITY + 4] = (
+        elasticity.k1,
+        elasticity.kr1,
+        damping.c1,
+        damping.cr1,
+    )
+    if choose_method(scene) == "penalty" and not plant:
+        par[model.PENALTY : model.PENALTY + 6] = _penalty(scene)
+    par[model.OUTPUT : model.OUTPUT + 6] = (
+        scene.wrench.axes == "world",
+        scene.wrench.point == "com",
+        scene.wrench.hold == "body",
+        scene.plant_integration == "semi_implicit",
+        scene.limits.force,
+        scene.limits.torque,
+    )
+    par[model.TABLE :] = table
+    return par
+
+
+def _from_com(node: Node, body: Body) -> Array:
+    """The node from its body's mass centre; a body of infinite inertia is taken at its origin."""
+    return np.array(node.position) - np.array(_com(body))
+
+
+def _com(body: Body) -> tuple[float, ...]:
+    return body.com if body.kind in ("free", "unknown") else (0.0, 0.0, 0.0)
+
+
+def _body(body: Body, plant: bool) -> list[float]:
+    known = body.kind == "free" or (plant and body.kind == "unknown")
+    if not known:
+        return [0.0, math.inf, 0.0, *_com(body), *[0.0] * 12]
+    ixx, ixy, ixz, iyy, iyz, izz = body.inertia
+    j = np.linalg.inv([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    inverse = [j[0, 0], j[0, 1], j[0, 2], j[1, 1], j[1, 2], j[2, 2]]
+    return [1.0, body.mass, 1.0 / body.mass, *body.com, *body.inertia, *map(float, inverse)]
+
+
+def _friction(friction: Friction) -> list[float]:
+    static = friction.static_coefficient
+    static = friction.coefficient if math.isnan(static) else static
+    rate_slope, force_slope = _slopes(friction)
+    table = friction.table
+    return [
+        float(friction.on),
+        friction.coefficient,
+        static,
+        friction.decay,
+        friction.max_force,
+        0.0 if math.isnan(friction.radius) else friction.radius,
+        2.0 / friction.overlap if friction.overlap > 0.0 else 0.0,
+        friction.preload,
+        rate_slope,
+        force_slope,
+        0.0 if table is None else float(len(table.rates)),
+        0.0 if table is None else float(len(table.forces)),
+    ]
+
+
+def _grid(friction: Friction) -> Array:
+    """The table's values, (rates, forces)."""
+    table = friction.table
+    assert table is not None
+    return np.array(table.values).reshape(len(table.rates), len(table.forces))
+
+
+def _slopes(friction: Friction) -> tuple[float, float]:
+    """Greatest slopes of mu over slip rate (s/m) and contact force (1/N)."""
+    table = friction.table
+    if table is None:
+        static = friction.static_coefficient
+        rise = 0.0 if math.isnan(static) else static - friction.coefficient
+        return friction.decay * abs(rise), 0.0
+    grid = _grid(friction)
+    over_rate = np.abs(np.diff(grid, axis=0)) / np.diff(table.rates)[:, None]
+    over_force = np.abs(np.diff(grid, axis=1)) / np.diff(table.forces)[None, :]
+    return float(over_rate.max(initial=0.0)), float(over_force.max(initial=0.0))
+
+
+def _table(friction: Friction) -> list[float]:
+    table = friction.table
+    return [] if table is None else [*table.rates, *table.forces, *table.values]
+
+
+def _penalty(scene: Scene) -> list[float]:
+    """Gains: stiffness and damping of offsets and swings, of the elastic stick."""
+    gains, friction = scene.penalty, scene.friction
+    for name in ("stiffness", "damping"):
+        if math.isnan(getattr(gains, name)):
+            raise SceneError(
+                f"penalty.{name} = .nan: must be given for the method penalty; a sampled spring is "
+                "stable up to about m/h^2 and its damper to about m/h, with the lighter body's mass m"
+            )
+    arm = max(0.5 * friction.overlap, 0.0 if math.isnan(friction.radius) else friction.radius)
+    swing = gains.rotational_stiffness
+    if math.isnan(swing):
+        swing = gains.stiffness * arm * arm
+    if swing == 0.0:
+        raise SceneError(
+            "penalty.rotational_stiffness = .nan: must be given (> 0 N.m/rad) where neither "
+            "friction.overlap nor friction.radius gives an arm to derive it from"
+        )
+    swing_damping = gains.rotational_damping
+    if math.isnan(swing_damping):
+        swing_damping = gains.damping * swing / gains.stiffness
+    stick = gains.stick_stiffness
+    if math.isnan(stick):
+        stick = gains.stiffness
+        allowed = gains.elastic_slip
+        if not math.isnan(allowed) and friction.preload != 0.0:
+            greatest = max(friction.coefficient, np.nan_to_num(friction.static_coefficient))
+            stick = greatest * abs(friction.preload) / allowed or stick
+    stick_damping = gains.damping * stick / gains.stiffness
+    return [gains.stiffness, swing, gains.damping, swing_damping, float(stick), stick_damping]
+
+
+def describe_model(scene: Scene, method: str) -> str:
+    """One line: what is modelled, what is left out and why."""
+    friction = scene.friction
+    parts = [f"method {method}" + (" (auto)" if scene.method == "auto" else "")]
+    for name, body in (("A", scene.body_a), ("B", scene.body_b)):
+        parts.append(f"body {name} {body.kind}")
+    if not friction.on:
+        parts.append("no friction: the reactions are a linear solve")
+    else:
+        mu = "table" if friction.table is not None else show(friction.coefficient)
+        text = f"friction {mu}, radius {show(friction.radius)} m"
+        if friction.overlap == 0.0:
+            text += ", overlap 0: bending moments add no normal force"
+        else:
+            text += f", overlap {show(friction.overlap)} m"
+        parts.append(text)
+    if scene.elasticity.k1 or scene.elasticity.kr1 or scene.damping.c1 or scene.damping.cr1:
+        parts.append("springs and dampers on slide and spin")
+    return "; ".join(parts)

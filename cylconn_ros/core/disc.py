@@ -1,0 +1,282 @@
+"""Friction and constraint reactions of one step, solved together on the disc.
+
+After the constrained components are eliminated two unknowns are left, phi = (f1f, m1f/R), with
+
+    s+      = s_free + S phi               the slip velocity at the end; S symmetric, positive definite
+    s~      = (1 - theta) s- + theta s+    the one that friction opposes; theta = 1/2 or 1
+    (f, m)c = base + c1 phi1 + c2 phi2     the constraint reactions, hence FN
+
+    stick:   s+ = 0           and  |phi| <= limit(0, FN(phi))
+    slip:    phi = -s~ / r    and  |phi|  = limit(|s~|, FN(phi)),    r = |s~| / |phi| > 0
+
+so that all candidates lie on one curve, phi(r) = -(theta S + r I)^-1 s~free, from phi = 0 at r = inf to
+stick at r = 0. |phi| grows along it: the solution of least traction, which for a constant coefficient is that
+of least normal force, is the first one met when r comes down from infinity. The search
+therefore excludes stretches of the curve by bounds that hold for certain and never steps over a root.
+
+Selection (semantics of several solutions): after stick, stick if admissible; otherwise the first root, stick
+only where there is none. theta = 1/2 (second order) where the slip velocity does not turn by more than
+s-.s+ > |s-|^2/4 allows, else theta = 1.
+"""
+
+import math
+from typing import NamedTuple
+
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
+from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
+from cylconn_ros.core.linear import Four, eigen2
+
+Two = tuple[float, float]
+
+
+class Disc(NamedTuple):
+    """The step's equations left for phi (above), S by its eigenvalues and eigenvector (cos, sin)."""
+
+    s_minus: Two
+    s_free: Two
+    greater: float
+    lesser: float
+    cos: float
+    sin: float
+    base: Four
+    c1: Four
+    c2: Four
+
+
+class Solution(NamedTuple):
+    """phi, the slip velocity that it opposes, the regime and what is to be said of it."""
+
+    phi: Two
+    s_end: Two
+    s_mean: Two  # s~
+    regime: int
+    flags: int
+
+
+class _Curve(NamedTuple):
+    """phi(r) in the eigenvectors of S: -a / (l1 + r), -b / (l2 + r)."""
+
+    a: float
+    b: float
+    l1: float
+    l2: float
+    size: float  # |s~free|
+
+
+@jit
+def disc_problem(
+    s_minus: Two, s_free: Two, s11: float, s12: float, s22: float, base: Four, c1: Four, c2: Four
+) -> Disc:
+    greater, lesser, cos, sin = eigen2(s11, s12, s22)
+    return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
+
+
+@jit
+def reaction(d: Disc, phi: Two) -> Four:
+    """The constraint reactions (f2, f3, m2, m3) that go with phi."""
+    p, q = phi
+    return (
+        d.base[0] + d.c1[0] * p + d.c2[0] * q,
+        d.base[1] + d.c1[1] * p + d.c2[1] * q,
+        d.base[2] + d.c1[2] * p + d.c2[2] * q,
+        d.base[3] + d.c1[3] * p + d.c2[3] * q,
+    )
+
+
+@jit
+def _curve(d: Disc, theta: float) -> _Curve:
+    x = (1.0 - theta) * d.s_minus[0] + theta * d.s_free[0]
+    y = (1.0 - theta) * d.s_minus[1] + theta * d.s_free[1]
+    return _Curve(
+        d.cos * x + d.sin * y,
+        d.cos * y - d.sin * x,
+        theta * d.greater,
+        theta * d.lesser,
+        math.sqrt(x * x + y * y),
+    )
+
+
+@jit
+def _phi(d: Disc, c: _Curve, r: float) -> Two:
+    p, q = -c.a / (c.l1 + r), -c.b / (c.l2 + r)
+    return (d.cos * p - d.sin * q, d.sin * p + d.cos * q)
+
+
+@jit
+def _spare(law: Law, par: Array, d: Disc, c: _Curve, r: float) -> Two:
+    """(limit, |phi|) at r: admissible for stick, beyond the root for slip, where limit >= |phi|."""
+    phi = _phi(d, c, r)
+    size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
+    normal = contact(law, reaction(d, phi)).normal
+    return limit(law, par, r * size, normal), size
+
+
+@jit
+def _growth(law: Law, d: Disc) -> float:
+    """A bound of the growth of FN with |phi|: a Lipschitz constant."""
+    f = d.c1[0] ** 2 + d.c1[1] ** 2 + d.c2[0] ** 2 + d.c2[1] ** 2
+    m = d.c1[2] ** 2 + d.c1[3] ** 2 + d.c2[2] ** 2 + d.c2[3] ** 2
+    return math.sqrt(f) + law.bending * math.sqrt(m)
+
+
+@jit
+def _bracketed(law: Law, par: Array, d: Disc, c: _Curve, low: float, high: float) -> float:
+    """The root between ``low`` (limit < |phi|) and ``high`` (limit >= |phi|).
+
+    limit/|phi| - 1 is linear in r where FN and the direction are constant, so regula falsi (Anderson and
+    Bjorck's form) takes a few evaluations; every fourth one halves the bracket, to be safe.
+    """
+    lim, size = _spare(law, par, d, c, low)
+    g_low = lim / size - 1.0
+    lim, size = _spare(law, par, d, c, high)
+    g_high = lim / size - 1.0
+    for k in range(200):
+        if high - low <= 4e-16 * high or g_high == 0.0:
+            break
+        r = 0.5 * (low + high)
+        if k % 4 != 3:
+            falsi = low - g_low * (high - low) / (g_high - g_low)
+            if low < falsi < high:
+                r = falsi
+        lim, size = _spare(law, par, d, c, r)
+        g = lim / size - 1.0
+        if abs(g) <= 2e-16:
+            return r
+        if g < 0.0:
+            m = 1.0 - g / g_low
+            g_high *= m if m > 0.0 else 0.5
+            low, g_low = r, g
+        else:
+            m = 1.0 - g / g_high
+            g_low *= m if m > 0.0 else 0.5
+            high, g_high = r, g
+        if high - low <= 1e-15 * high:
+            break
+    return high
+
+
+@jit
+def _free_of_roots(
+    law: Law, par: Array, d: Disc, c: _Curve, growth: float, low: float, high: float
+) -> bool:
+    """Whether |phi| < limit for certain on the whole of [low, high].
+
+    Both components of phi(r) are monotone, so on the stretch |phi| <= |phi(low)|, FN differs from FN(high)
+    by at most growth |phi(low) - phi(high)|, and |s~| from its value at high by their difference.
+    """
+    p, q = c.a / (c.l1 + low), c.b / (c.l2 + low)
+    u, v = c.a / (c.l1 + high), c.b / (c.l2 + high)
+    size = math.sqrt(p * p + q * q)
+    size_high = math.sqrt(u * u + v * v)
+    chord = math.sqrt((p - u) * (p - u) + (q - v) * (q - v))
+    normal = contact(law, reaction(d, _phi(d, c, high))).normal
+    mu = coefficient(law, par, high * size_high, normal)
+    mu -= law.rate_slope * abs(high * size_high - low * size) + law.force_slope * growth * chord
+    return size < min(law.cap, max(mu, 0.0) * max(normal - growth * chord, 0.0))
+
+
+@jit
+def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool) -> float:
+    """The greatest r of a root; 0.0: there is none (stick), inf: phi = 0 solves."""
+    growth = _growth(law, d)
+    spread = (c.l1 + c.l2) / (
+        2.0 * math.sqrt(c.l1 * c.l2)
+    )  # |d phi| / d|phi| at most (Kantorovich)
+    fixed = law.rate_slope == 0.0 and law.force_slope == 0.0
+    only_one = fixed and law.kinetic * growth * spread < 1.0
+    if only_one and stick_admissible:
+        return 0.0
+    resting = limit(law, par, c.size, contact(law, d.base).normal)
+    if resting <= 0.0:
+        return math.inf
+    high = c.size / resting
+    if only_one:  # |phi| <= |s~free| / r, so one of these is beyond the root
+        for _ in range(200):
+            lim, size = _spare(law, par, d, c, high)
+            if lim >= size:
+                return _bracketed(law, par, d, c, 0.0, high)
+            high *= 4.0
+        return math.inf
+    # From infinity down to the first stretch's upper end: there FN is FN(0), give or take growth |phi|.
+    certain = False
+    while not certain and high < 1e300:
+        high *= 4.0
+        size = c.size / (c.l2 + high)
+        normal = max(contact(law, d.base).normal - growth * size, 0.0)
+        mu = coefficient(law, par, c.size, contact(law, d.base).normal)
+        mu -= law.rate_slope * c.size * c.l1 / (c.l1 + high) + law.force_slope * growth * size
+        certain = size < min(law.cap, max(mu, 0.0) * normal)
+    if not certain:
+        return math.inf
+    step = 0.5  # share of the remaining r to go down at once
+    for _ in range(2000):
+        if high <= 1e-15 * c.l2:
+            return 0.0 if stick_admissible else high
+        low = high * (1.0 - step) if high > 1e-12 * c.l2 else 0.0
+        if _free_of_roots(law, par, d, c, growth, low, high):
+            high = low
+            step = min(2.0 * step, 0.9)
+            if high == 0.0:
+                return 0.0
+            continue
+        if step < 1e-7:
+            lim, size = _spare(law, par, d, c, low)
+            if lim < size:
+                return _bracketed(law, par, d, c, low, high)
+            if step < 1e-15:  # touches the curve: a double root
+                return high
+        step *= 0.25
+    return high
+
+
+@jit
+def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
+    """The solution that the selection rule names."""
+    flags = 0
+    end = _curve(d, 1.0)
+    if end.size == 0.0:
+        return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, flags)
+    lim, size = _spare(law, par, d, end, 0.0)
+    stick_admissible = size <= lim
+    if not (was_stick and stick_admissible):
+        before = d.s_minus[0] ** 2 + d.s_minus[1] ** 2
+        for attempt in range(2):
+            theta = 0.5 if attempt == 0 else 1.0
+            if theta < 1.0 and (was_stick or before == 0.0):
+                continue
+            c = _curve(d, theta)
+            if c.size == 0.0:
+                continue
+            if theta < 1.0:
+                lim, size = _spare(law, par, d, c, 0.0)
+                r = _first_root(law, par, d, c, size <= lim)
+            else:
+                r = _first_root(law, par, d, c, stick_admissible)
+            if r == 0.0:
+                continue
+            phi = _phi(d, c, r) if r < math.inf else (0.0, 0.0)
+            # s+ from s~ where theta = 1: no cancellation as slip ends
+            p, q = d.cos * phi[0] + d.sin * phi[1], d.cos * phi[1] - d.sin * phi[0]
+            p, q = d.greater * p, d.lesser * q
+            s_end = (
+                d.s_free[0] + d.cos * p - d.sin * q,
+                d.s_free[1] + d.sin * p + d.cos * q,
+            )
+            forward = d.s_minus[0] * s_end[0] + d.s_minus[1] * s_end[1]
+            if theta < 1.0 and not forward > 0.25 * before:
+                continue
+            s_mean = (
+                (1.0 - theta) * d.s_minus[0] + theta * s_end[0],
+                (1.0 - theta) * d.s_minus[1] + theta * s_end[1],
+            )
+            if stick_admissible:
+                flags = SEVERAL_ROOTS
+            return Solution(phi, s_end, s_mean, SLIP, flags)
+    phi = _phi(d, end, 0.0)
+    size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
+    grown = contact(law, reaction(d, phi)).normal - contact(law, d.base).normal
+    if coefficient(law, par, 0.0, grown) * grown >= size > 0.0:
+        flags = JAMMED
+    half = (0.5 * d.s_minus[0], 0.5 * d.s_minus[1])
+    return Solution(phi, (0.0, 0.0), half, STICK, flags)

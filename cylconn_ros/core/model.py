@@ -1,0 +1,136 @@
+"""The flat arrays private to the methods: PAR, the scene in numbers, and MEM, what is remembered.
+
+PAR is packed once from a scene; MEM is all that a connector knows of earlier samples, so that saving and
+restoring it restores the connector. Readers turn stretches of PAR into the named tuples of the physics.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from cylconn_ros.core.bodies import Body
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array, Law
+from cylconn_ros.core.kinematics import Nodes
+from cylconn_ros.core.vectors import Quaternion, Vector
+
+# --- PAR ----------------------------------------------------------------------------------------------
+GRAVITY: Final = 0  # 3, world axes
+BODY_A: Final = 3  # free, mass, 1/mass, com 3, inertia 6, inverse inertia 6
+BODY_B: Final = 21
+NODE_A: Final = 39  # position from the mass centre 3, orientation 4
+NODE_B: Final = 46  # position from the mass centre 3, orientation given, orientation 4
+REFERENCE: Final = 54  # hold offsets, hold misalignment, l1ref, theta1ref (NaN: first sample's)
+PULL_IN: Final = 58  # greatest speed (m/s) and rate (rad/s) at which a violation is removed
+FRICTION: Final = 60  # see `law`
+ELASTICITY: Final = 72  # k1, kr1, c1, cr1
+PENALTY: Final = 76  # stiffness, rotational stiffness, damping, rotational damping,
+#                      stick stiffness, stick damping
+OUTPUT: Final = (
+    82  # world axes, mass centre, held in body axes, semi-implicit plant, force limit, torque limit
+)
+TABLE: Final = 88  # rates, forces, values
+
+# --- MEM ----------------------------------------------------------------------------------------------
+STARTED: Final = 0  # whether there is a reference configuration
+LENGTH0: Final = 1
+ANGLE0: Final = 2
+TARGET: Final = 3  # y0, z0 and the held misalignment, 4
+AXES_B: Final = 7  # node b's orientation in body B, 4
+LAST_ANGLE: Final = 11
+LAST_SPIN: Final = 12
+WAS_STICK: Final = 13
+HELD_LENGTH: Final = 14  # where stick holds
+HELD_ANGLE: Final = 15
+STUCK: Final = 16  # samples in a row
+SLIPPED: Final = 17  # accumulated slip, m
+LAST_PERIOD: Final = 18  # s, of the last answer; 0: none
+LAST_POSITION: Final = 19  # l, y, z
+LAST_VELOCITY: Final = 22  # their rates
+LAST_A: Final = 25  # force, torque about the mass centre, mass centre, angular velocity: 12
+LAST_B: Final = 37
+WORK: Final = 49  # sum of work with its sign, J
+EXCHANGED: Final = 50  # sum of |work|, J
+ELASTIC_SLIP: Final = 51  # 2, of the penalty method's stick, m
+NMEM: Final = 53
+
+
+class Output(NamedTuple):
+    """How wrenches leave the connector and how the plant takes them."""
+
+    world_axes: bool
+    at_com: bool
+    held_in_body: bool
+    semi_implicit: bool
+    force_limit: float
+    torque_limit: float
+
+
+@jit
+def vector(a: Array, at: int) -> Vector:
+    return (a[at], a[at + 1], a[at + 2])
+
+
+@jit
+def quaternion(a: Array, at: int) -> Quaternion:
+    return (a[at], a[at + 1], a[at + 2], a[at + 3])
+
+
+@jit
+def put(a: Array, at: int, v: Vector) -> None:
+    a[at], a[at + 1], a[at + 2] = v
+
+
+@jit
+def body(par: Array, at: int) -> Body:
+    return Body(
+        par[at] != 0.0,
+        par[at + 1],
+        par[at + 2],
+        vector(par, at + 3),
+        (par[at + 6], par[at + 7], par[at + 8], par[at + 9], par[at + 10], par[at + 11]),
+        (par[at + 12], par[at + 13], par[at + 14], par[at + 15], par[at + 16], par[at + 17]),
+    )
+
+
+@jit
+def nodes(par: Array) -> Nodes:
+    return Nodes(vector(par, NODE_A), quaternion(par, NODE_A + 3), vector(par, NODE_B))
+
+
+@jit
+def law(par: Array) -> Law:
+    at = FRICTION
+    return Law(
+        par[at] != 0.0,
+        par[at + 1],
+        par[at + 2],
+        par[at + 3],
+        par[at + 4],
+        par[at + 5],
+        par[at + 6],
+        par[at + 7],
+        par[at + 8],
+        par[at + 9],
+        int(par[at + 10]),
+        int(par[at + 11]),
+        TABLE,
+    )
+
+
+@jit
+def output(par: Array) -> Output:
+    at = OUTPUT
+    return Output(
+        par[at] != 0.0,
+        par[at + 1] != 0.0,
+        par[at + 2] != 0.0,
+        par[at + 3] != 0.0,
+        par[at + 4],
+        par[at + 5],
+    )
+
+
+@jit
+def given(x: float, otherwise: float) -> float:
+    """x, or what stands in for it where it is not set (NaN)."""
+    return otherwise if math.isnan(x) else x

@@ -1,0 +1,203 @@
+"""From a sample to the connector's own quantities: what every method does first."""
+
+import math
+from typing import NamedTuple
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.bodies import Body, Motion, at_com
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.kinematics import (
+    Frame,
+    Nodes,
+    Twist,
+    angles,
+    frame,
+    orientation_in,
+    relative_twist,
+    unwrapped,
+)
+from cylconn_ros.core.linear import Four
+from cylconn_ros.core.vectors import (
+    Quaternion,
+    Vector,
+    conjugate,
+    dot,
+    into,
+    multiply,
+    norm,
+    normalised,
+    scale,
+    sub,
+)
+
+HUGE = 1e15  # beyond it squares of squares leave the range of doubles: as good as infinite
+TINY = 1e-6  # shorter quaternions have no direction worth trusting
+CONTRADICTION = 0.2  # share of the motion by which poses and twists may differ
+
+
+class Observed(NamedTuple):
+    """The connector at a sample: bodies at their mass centres, geometry, and the constraint's error."""
+
+    a: Motion
+    b: Motion
+    frame: Frame
+    twist: Twist  # J(q) v
+    length: float
+    angle: float
+    error: Four  # (y, z, swing 2, swing 3) less their targets; its rates are (v2, v3, w2, w3)
+    flags: int
+
+
+@jit
+def status_of(sample: Array) -> int:
+    """OK, or why the sample cannot be used."""
+    for k in range(out_at.NSAMPLE):
+        if not abs(sample[k]) < HUGE:  # NaN too
+            return out_at.NOT_FINITE
+    for at in (out_at.A_POSE + 3, out_at.B_POSE + 3):
+        size = 0.0
+        for k in range(4):
+            size += sample[at + k] * sample[at + k]
+        if not size > TINY * TINY:
+            return out_at.BAD_QUATERNION
+    return out_at.OK
+
+
+@jit
+def _motion(body: Body, sample: Array, pose: int, twist: int) -> Motion:
+    return at_com(
+        body,
+        model.vector(sample, pose),
+        normalised(model.quaternion(sample, pose + 3)),
+        model.vector(sample, twist),
+        model.vector(sample, twist + 3),
+    )
+
+
+@jit
+def _orientation(par: Array, mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Quaternion:
+    """Node b's axes in node a's; the first sample fixes them in body B where they are not given."""
+    axes_a = multiply(a.orientation, nodes.a_axes)
+    if mem[model.STARTED] == 0.0:
+        axes_b = model.quaternion(par, model.NODE_B + 4)
+        if par[model.NODE_B + 3] == 0.0:
+            axes_b = normalised(multiply(conjugate(b.orientation), axes_a))
+        for k in range(4):
+            mem[model.AXES_B + k] = axes_b[k]
+    axes_b = multiply(b.orientation, model.quaternion(mem, model.AXES_B))
+    return orientation_in(axes_a, axes_b)
+
+
+@jit
+def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
+    """Measure the connector; write the kinematic part of ``out``; keep reference, turns and work.
+
+    Args:
+        par, mem: the model's arrays; the first sample fills the reference configuration of ``mem``.
+        sample: (NSAMPLE,) a sample for which :func:`status_of` is OK.
+        out: (NOUT,).
+    """
+    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    nodes = model.nodes(par)
+    a = _motion(body_a, sample, out_at.A_POSE, out_at.A_TWIST)
+    b = _motion(body_b, sample, out_at.B_POSE, out_at.B_TWIST)
+    f = frame(nodes, a, b)
+    rates = relative_twist(f, a, b)
+    position = into(f.axes, f.d)
+    angle, m2, m3, half_turn = angles(_orientation(par, mem, nodes, a, b))
+    flags = out_at.HALF_TURN if half_turn else 0
+
+    h = mem[model.LAST_PERIOD]
+    if mem[model.STARTED] == 0.0:
+        _start(par, mem, position, angle, m2, m3)
+    else:
+        predicted = mem[model.LAST_ANGLE] + 0.5 * h * (mem[model.LAST_SPIN] + rates.w[0])
+        angle, unsure = unwrapped(angle, predicted)
+        if unsure:
+            flags |= out_at.TURN_AMBIGUOUS
+        moved = sub(position, model.vector(mem, model.LAST_POSITION))
+        told = scale(0.5 * h, _sum(model.vector(mem, model.LAST_VELOCITY), rates.v))
+        if norm(sub(moved, told)) > CONTRADICTION * (norm(moved) + norm(told)) + 1e-6:
+            flags |= out_at.TWIST_CONTRADICTS
+    _account(mem, a, model.LAST_A, h)
+    _account(mem, b, model.LAST_B, h)
+
+    mem[model.LAST_ANGLE], mem[model.LAST_SPIN] = angle, rates.w[0]
+    model.put(mem, model.LAST_POSITION, position)
+    model.put(mem, model.LAST_VELOCITY, rates.v)
+    error = (
+        position[1] - mem[model.TARGET],
+        position[2] - mem[model.TARGET + 1],
+        mem[model.TARGET + 2] - m2,
+        mem[model.TARGET + 3] - m3,
+    )
+    _write(par, mem, out, position, angle, (m2, m3), rates, error)
+    return Observed(a, b, f, rates, position[0], angle, error, flags)
+
+
+@jit
+def _sum(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@jit
+def _start(par: Array, mem: Array, position: Vector, angle: float, m2: float, m3: float) -> None:
+    """Take this sample as the reference configuration."""
+    mem[model.STARTED] = 1.0
+    mem[model.LENGTH0] = mem[model.HELD_LENGTH] = position[0]
+    mem[model.ANGLE0] = mem[model.HELD_ANGLE] = angle
+    hold = par[model.REFERENCE] != 0.0
+    mem[model.TARGET] = position[1] if hold else 0.0
+    mem[model.TARGET + 1] = position[2] if hold else 0.0
+    hold = par[model.REFERENCE + 1] != 0.0
+    mem[model.TARGET + 2] = m2 if hold else 0.0
+    mem[model.TARGET + 3] = m3 if hold else 0.0
+
+
+@jit
+def _account(mem: Array, m: Motion, at: int, h: float) -> None:
+    """Work of the last wrench on a body: f.dx + h tau.(w + w+)/2, at the mass centre."""
+    if h > 0.0:
+        moved = sub(m.com, model.vector(mem, at + 6))
+        turning = scale(0.5 * h, _sum(m.spin, model.vector(mem, at + 9)))
+        work = dot(model.vector(mem, at), moved) + dot(model.vector(mem, at + 3), turning)
+        mem[model.WORK] += work
+        mem[model.EXCHANGED] += abs(work)
+    model.put(mem, at + 6, m.com)
+    model.put(mem, at + 9, m.spin)
+
+
+@jit
+def _write(
+    par: Array,
+    mem: Array,
+    out: Array,
+    position: Vector,
+    angle: float,
+    misalignment: tuple[float, float],
+    rates: Twist,
+    error: Four,
+) -> None:
+    at = model.REFERENCE
+    out[out_at.LENGTH] = position[0]
+    out[out_at.ANGLE] = angle
+    out[out_at.DISPLACEMENT] = position[0] - mem[model.LENGTH0]
+    out[out_at.ROTATION] = angle - mem[model.ANGLE0]
+    out[out_at.MATERIAL_DISPLACEMENT] = position[0] - model.given(par[at + 2], mem[model.LENGTH0])
+    out[out_at.MATERIAL_ROTATION] = angle - model.given(par[at + 3], mem[model.ANGLE0])
+    out[out_at.OFFSET], out[out_at.OFFSET + 1] = position[1], position[2]
+    out[out_at.MISALIGNMENT], out[out_at.MISALIGNMENT + 1] = misalignment
+    model.put(out, out_at.VELOCITY, rates.v)
+    model.put(out, out_at.ANGULAR_VELOCITY, rates.w)
+    out[out_at.OFFSET_VIOLATION] = math.sqrt(error[0] * error[0] + error[1] * error[1])
+    out[out_at.ANGULAR_VIOLATION] = math.sqrt(error[2] * error[2] + error[3] * error[3])
+    out[out_at.VELOCITY_VIOLATION] = math.sqrt(rates.v[1] * rates.v[1] + rates.v[2] * rates.v[2])
+    out[out_at.SPIN_VIOLATION] = math.sqrt(rates.w[1] * rates.w[1] + rates.w[2] * rates.w[2])
+    out[out_at.ENERGY_EXCHANGED] = mem[model.EXCHANGED]
+    out[out_at.PASSIVITY_BALANCE] = mem[model.WORK]
+    radius = par[model.FRICTION + 5]
+    s1, s2 = rates.v[0], radius * rates.w[0]
+    out[out_at.SLIP_VELOCITY], out[out_at.SLIP_VELOCITY + 1] = s1, s2
+    out[out_at.SLIP_RATE] = math.sqrt(s1 * s1 + s2 * s2)

@@ -1,0 +1,142 @@
+"""3-vectors, quaternions (x, y, z, w) and symmetric 3x3 tensors (xx, xy, xz, yy, yz, zz) as tuples.
+
+Tuples of floats compile to registers and need no allocation, which is also what makes them the fastest
+form in plain Python. A rotation matrix is a tuple of its three columns: the axes of the turned frame.
+"""
+
+import math
+
+from cylconn_ros.core.compiled import jit
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+Symmetric = tuple[float, float, float, float, float, float]
+
+
+@jit
+def add(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@jit
+def sub(a: Vector, b: Vector) -> Vector:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@jit
+def scale(s: float, a: Vector) -> Vector:
+    return (s * a[0], s * a[1], s * a[2])
+
+
+@jit
+def add_scaled(a: Vector, s: float, b: Vector) -> Vector:
+    """A + s b."""
+    return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
+
+
+@jit
+def dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit
+def cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@jit
+def norm(a: Vector) -> float:
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@jit
+def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
+    """The product p q: first the turn q, then the turn p."""
+    px, py, pz, pw = p
+    qx, qy, qz, qw = q
+    return (
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+        pw * qw - px * qx - py * qy - pz * qz,
+    )
+
+
+@jit
+def conjugate(q: Quaternion) -> Quaternion:
+    return (-q[0], -q[1], -q[2], q[3])
+
+
+@jit
+def normalised(q: Quaternion) -> Quaternion:
+    """Q / |q|; the caller has made sure that |q| is not zero."""
+    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (s * q[0], s * q[1], s * q[2], s * q[3])
+
+
+@jit
+def turned(q: Quaternion, r: Vector) -> Quaternion:
+    """The orientation q after a further turn by the rotation vector r (world axes)."""
+    squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    if squared < 1e-8:  # sin(x/2)/x by its series; the next term is below 1e-20
+        half = 0.5 - squared / 48.0 * (1.0 - squared / 80.0)
+        w = 1.0 - squared / 8.0 * (1.0 - squared / 48.0)
+    else:
+        angle = math.sqrt(squared)
+        half = math.sin(0.5 * angle) / angle
+        w = math.cos(0.5 * angle)
+    return normalised(multiply((half * r[0], half * r[1], half * r[2], w), q))
+
+
+@jit
+def matrix(q: Quaternion) -> Matrix:
+    """The axes of a frame of orientation q, as columns."""
+    x, y, z, w = q
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+        (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+        (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
+@jit
+def out_of(m: Matrix, a: Vector) -> Vector:
+    """M a: components in the turned frame to components in the outer one."""
+    return (
+        m[0][0] * a[0] + m[1][0] * a[1] + m[2][0] * a[2],
+        m[0][1] * a[0] + m[1][1] * a[1] + m[2][1] * a[2],
+        m[0][2] * a[0] + m[1][2] * a[1] + m[2][2] * a[2],
+    )
+
+
+@jit
+def into(m: Matrix, a: Vector) -> Vector:
+    """m^T a: components in the outer frame to components in the turned one."""
+    return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
+
+
+@jit
+def times(i: Symmetric, a: Vector) -> Vector:
+    """The symmetric tensor times a vector."""
+    return (
+        i[0] * a[0] + i[1] * a[1] + i[2] * a[2],
+        i[1] * a[0] + i[3] * a[1] + i[4] * a[2],
+        i[2] * a[0] + i[4] * a[1] + i[5] * a[2],
+    )
+
+
+@jit
+def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
+    """M i m^T: a tensor given in the turned frame, expressed in the outer one."""
+    r0 = (m[0][0], m[1][0], m[2][0])
+    r1 = (m[0][1], m[1][1], m[2][1])
+    r2 = (m[0][2], m[1][2], m[2][2])
+    i0, i1, i2 = times(i, r0), times(i, r1), times(i, r2)
+    return (dot(r0, i0), dot(r0, i1), dot(r0, i2), dot(r1, i1), dot(r1, i2), dot(r2, i2))
+
+
+@jit
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """a^T b: the axes of b seen from a."""
+    return (into(a, b[0]), into(a, b[1]), into(a, b[2]))

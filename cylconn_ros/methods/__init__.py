@@ -1,0 +1,1 @@
+"""The methods: one file each, one signature, ``step(par, mem, sample, h, out)``."""

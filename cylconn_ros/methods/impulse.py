@@ -1,0 +1,244 @@
+"""Known inertia: constraint reactions and friction of one step, solved together.
+
+The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b in the axes of a, held over the coming period h:
+
+    v+ = vf + h M^-1 J~^T Lambda            vf: the free velocity, gravity, loads and gyroscopic terms
+    w+ = J~ v+                              relative twist at node b, J~ in the configuration q~
+    w+_c = target_c                         c: the constrained components y, z and both swings
+    s+ = (v1, R w1)+ and friction           see core/disc.py
+
+q~ is the middle of the step. Each mass centre stands at its mean over the free step, x + h v/2 + h^2 a/6, and
+as a body's own force does not move it across that force, the two wrenches exchange linear and
+angular momentum exactly over the step, not only to second order.
+
+Only the wrench goes out, and positions are measured at the next sample: e the constraint's error, q^ = q + h v
+
+    exact plant          w+_c = -e/h - J(q)v_c/2 - [(J(q^) - J~) v]_c       deadbeat, second order
+    semi-implicit plant  w+_c = -e/h, all in the configuration q
+
+The bracket takes J~v+ to the end of the step; the available components carry it too, so that s+ is the slip at
+the end. -e/h is limited to the pull-in speed.
+
+Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit, second
+order, and taken into S before friction is solved.
+"""
+
+import math
+from typing import NamedTuple
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.answer import write_wrenches
+from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.inertia import Inertia, of_body, of_both
+from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
+from cylconn_ros.core.linear import Four, factor, solve
+from cylconn_ros.core.observe import Observed, observe
+from cylconn_ros.core.vectors import (
+    Quaternion,
+    Vector,
+    add_scaled,
+    cross,
+    matrix,
+    norm,
+    out_of,
+    scale,
+    sub,
+    turned,
+)
+from cylconn_ros.methods.available import Reduced, available, report
+
+UNDERSAMPLED_ABOVE = 0.5  # |w| h
+STOPPED_AFTER = 3  # stuck samples in a row: a single one occurs at turning points
+
+
+class Free(NamedTuple):
+    """A body's free step: the configuration q~ and the end of the free velocity."""
+
+    middle: Motion  # its velocity is not used
+    end: Motion  # its configuration is not used
+    orientation: Quaternion  # at the half of the step
+
+
+@jit
+def _free(
+    par: Array, body: Body, m: Motion, load: Vector, torque: Vector, h: float, explicit: bool
+) -> Free:
+    """The free step; ``explicit`` freezes everything at its start, as a semi-implicit plant does."""
+    if not body.free:
+        q = turned(m.orientation, scale(0.5 * h, m.spin))
+        if explicit:
+            return Free(m, m, q)
+        return Free(Motion(add_scaled(m.com, 0.5 * h, m.velocity), q, m.velocity, m.spin), m, q)
+    a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load)
+    velocity = add_scaled(m.velocity, h, a)
+    dw = angular_acceleration(body, m.orientation, m.spin, torque)
+    half = turned(m.orientation, scale(0.5 * h, add_scaled(m.spin, 0.25 * h, dw)))
+    if explicit:
+        return Free(m, Motion(m.com, half, velocity, add_scaled(m.spin, h, dw)), half)
+    com = add_scaled(add_scaled(m.com, 0.5 * h, m.velocity), h * h / 6.0, a)
+    w_half = add_scaled(m.spin, 0.5 * h, dw)
+    spin = add_scaled(m.spin, h, angular_acceleration(body, half, w_half, torque))
+    return Free(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
+
+
+@jit
+def _ahead(m: Motion, h: float) -> Motion:
+    """q^ = q + h v, with the velocity as it is."""
+    return Motion(
+        add_scaled(m.com, h, m.velocity),
+        turned(m.orientation, scale(h, m.spin)),
+        m.velocity,
+        m.spin,
+    )
+
+
+@jit
+def _pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
+    """-e/h, its size limited to the pull-in speed."""
+    size = math.sqrt(e1 * e1 + e2 * e2)
+    if size <= greatest * h:
+        return -e1 / h, -e2 / h, False
+    return -greatest * e1 / size, -greatest * e2 / size, True
+
+
+@jit
+def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
+    o = observe(par, mem, sample, out)
+    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    explicit = model.output(par).semi_implicit
+    flags = o.flags
+    if max(norm(o.a.spin), norm(o.b.spin)) * h > UNDERSAMPLED_ABOVE:
+        flags |= out_at.UNDERSAMPLED
+
+    # q~, vf and the inertia that the wrench meets there
+    free_a = _loaded(par, body_a, o.a, sample, out_at.A_LOAD, h, explicit)
+    free_b = _loaded(par, body_b, o.b, sample, out_at.B_LOAD, h, explicit)
+    f = frame(model.nodes(par), free_a.middle, free_b.middle)
+    g = of_both(
+        of_body(body_a, f.axes, free_a.middle.orientation, f.arm_a),
+        of_body(body_b, f.axes, free_b.middle.orientation, f.arm_b),
+    )
+    wf = relative_twist(f, free_a.end, free_b.end)
+    turning = _turning(model.nodes(par), f, o, h, explicit)
+    target, far = _target(par, o, turning, h, explicit)
+    reduced = _eliminated(g, wf, turning, target, h)
+    if far:
+        flags |= out_at.MISALIGNED
+
+    # friction, springs and dampers on what is left; then the reactions
+    av = available(par, mem, o, reduced, h, explicit)
+    f1 = av.spring[0] + av.damper[0] + av.friction[0]
+    m1 = av.spring[1] + av.damper[1] + av.friction[1]
+    force = (f1, av.constraint[0], av.constraint[1])
+    moment = (m1, av.constraint[2], av.constraint[3])
+    flags |= av.flags
+    flags |= write_wrenches(
+        par, mem, out, f, force, moment, body_a, body_b, o.a, o.b,
+        free_a.orientation, free_b.orientation,
+    )  # fmt: skip
+    report(par, mem, out, o, reduced, av, force, moment, h)
+    out[out_at.RESIDUAL] = max(av.residual, _unmet(g, wf, turning, target, force, moment, h))
+    if mem[model.STUCK] >= STOPPED_AFTER:
+        flags |= out_at.STOPPED
+    return flags
+
+
+@jit
+def _loaded(
+    par: Array, body: Body, m: Motion, sample: Array, at: int, h: float, explicit: bool
+) -> Free:
+    """The free step under a load that is given at the body frame's origin."""
+    load = model.vector(sample, at)
+    arm = out_of(matrix(m.orientation), body.com)
+    torque = sub(model.vector(sample, at + 3), cross(arm, load))
+    return _free(par, body, m, load, torque, h, explicit)
+
+
+@jit
+def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> Twist:
+    """(J(q^) - J~) v: what the geometry adds to J~v+ until the end of the step."""
+    if explicit:
+        return Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    a, b = _ahead(o.a, h), _ahead(o.b, h)
+    there = relative_twist(frame(nodes, a, b), a, b)
+    here = relative_twist(f, o.a, o.b)
+    return Twist(sub(there.v, here.v), sub(there.w, here.w))
+
+
+@jit
+def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -> tuple[Four, bool]:
+    """target_c, and whether an error is being pulled in at its bounded speed."""
+    e, w = o.error, o.twist
+    y, z, far_offset = _pulled(e[0], e[1], h, par[model.PULL_IN])
+    p2, p3, far_angle = _pulled(e[2], e[3], h, par[model.PULL_IN + 1])
+    keep = 0.0 if explicit else 0.5
+    target = (
+        y - keep * w.v[1] - turning.v[1],
+        z - keep * w.v[2] - turning.v[2],
+        p2 - keep * w.w[1] - turning.w[1],
+        p3 - keep * w.w[2] - turning.w[2],
+    )
+    return target, far_offset or far_angle
+
+
+@jit
+def _dot4(a: Four, b: Four) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+@jit
+def _eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -> Reduced:
+    """Solve w+_c = target_c for (f2, f3, m2, m3), for no force and for a unit f1 and m1."""
+    ff, fm, mm = g.ff, g.fm, g.mm
+    lower = factor(ff[3], ff[4], ff[5], fm[1][1], fm[2][1], mm[3], fm[1][2], fm[2][2], mm[4], mm[5])
+    base = solve(
+        lower,
+        (target[0] - wf.v[1]) / h,
+        (target[1] - wf.v[2]) / h,
+        (target[2] - wf.w[1]) / h,
+        (target[3] - wf.w[2]) / h,
+    )
+    of_f1 = (ff[1], ff[2], fm[0][1], fm[0][2])  # G_c,f1
+    of_m1 = (fm[1][0], fm[2][0], mm[1], mm[2])  # G_c,m1
+    by_f1 = solve(lower, -of_f1[0], -of_f1[1], -of_f1[2], -of_f1[3])
+    by_m1 = solve(lower, -of_m1[0], -of_m1[1], -of_m1[2], -of_m1[3])
+    free = (
+        wf.v[0] + turning.v[0] + h * _dot4(of_f1, base),
+        wf.w[0] + turning.w[0] + h * _dot4(of_m1, base),
+    )
+    a = (
+        h * (ff[0] + _dot4(of_f1, by_f1)),
+        h * (fm[0][0] + _dot4(of_f1, by_m1)),
+        h * (mm[0] + _dot4(of_m1, by_m1)),
+    )
+    return Reduced(base, by_f1, by_m1, free, a)
+
+
+@jit
+def _unmet(
+    g: Inertia, wf: Twist, turning: Twist, target: Four, f: Vector, m: Vector, h: float
+) -> float:
+    """Residual of w+_c = target_c, row by row over the sum of the terms' sizes."""
+    mm = (
+        (g.mm[0], g.mm[1], g.mm[2]), (g.mm[1], g.mm[3], g.mm[4]), (g.mm[2], g.mm[4], g.mm[5]),
+    )  # fmt: skip
+    ff = (
+        (g.ff[0], g.ff[1], g.ff[2]), (g.ff[1], g.ff[3], g.ff[4]), (g.ff[2], g.ff[4], g.ff[5]),
+    )  # fmt: skip
+    worst = 0.0
+    for k in range(4):
+        row = 1 + k % 2
+        total = (wf.v[row] if k < 2 else wf.w[row]) - target[k]
+        size = abs(wf.v[row] if k < 2 else wf.w[row]) + abs(target[k])
+        for j in range(3):
+            by_f = ff[row][j] if k < 2 else g.fm[j][row]
+            by_m = g.fm[row][j] if k < 2 else mm[row][j]
+            total += h * (by_f * f[j] + by_m * m[j])
+            size += h * (abs(by_f * f[j]) + abs(by_m * m[j]))
+        if size > 0.0:
+            worst = max(worst, abs(total) / size)
+    return worst

@@ -1,0 +1,64 @@
+"""The compiled step: one entry for every method and every caller."""
+
+import math
+from typing import Final
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.observe import status_of
+from cylconn_ros.methods import impulse, penalty
+
+IMPULSE: Final = 0
+PENALTY: Final = 1
+NAMES: Final[dict[str, int]] = {"impulse": IMPULSE, "penalty": PENALTY}
+
+
+@jit
+def _nothing(out: Array, status: int) -> None:
+    """A zero wrench and the reason."""
+    for k in range(out_at.NOUT):
+        out[k] = 0.0
+    out[out_at.STATUS] = status
+
+
+@jit
+def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """Answer one sample.
+
+    Args:
+        method: IMPULSE or PENALTY.
+        par: the scene in numbers. mem: (NMEM,) what is remembered, advanced.
+        sample: (NSAMPLE,) see core/layout.py. h: the period the wrench will be held, s.
+        out: (NOUT,) the answer.
+
+    Returns the status: OK, or why the wrench is zero. A sample that cannot be used leaves ``mem`` as it was.
+    """
+    status = status_of(sample)
+    if status == out_at.OK and not h > 0.0:
+        status = out_at.NO_PERIOD
+    if status != out_at.OK:
+        _nothing(out, status)
+        return status
+    out[out_at.STOP] = out[out_at.LOCK] = out[out_at.STATUS] = 0.0
+    if method == IMPULSE:
+        flags = impulse.step(par, mem, sample, h, out)
+    else:
+        flags = penalty.step(par, mem, sample, h, out)
+    out[out_at.FLAGS] = flags
+    mem[model.LAST_PERIOD] = h
+    for k in range(out_at.STATE0):
+        if not math.isfinite(out[k]):
+            _nothing(out, out_at.NOT_FINITE)
+            for i in range(model.NMEM):  # what was remembered of it is not to be trusted either
+                mem[i] = 0.0
+            return out_at.NOT_FINITE
+    return out_at.OK
+
+
+@jit
+def run(method: int, par: Array, mem: Array, samples: Array, h: float, outs: Array) -> None:
+    """Answer (N, NSAMPLE) samples in order into (N, NOUT)."""
+    for k in range(samples.shape[0]):
+        step(method, par, mem, samples[k], h, outs[k])
