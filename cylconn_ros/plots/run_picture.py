@@ -120,7 +120,11 @@ def save_run(figure: Figure, path: Path | str) -> None:
 
 
 def _motion(
-    position: Axes, angle: Axes, time: Array, state: Mapping[str, Array], ref: ReferenceCurves | None
+    position: Axes,
+    angle: Axes,
+    time: Array,
+    state: Mapping[str, Array],
+    ref: ReferenceCurves | None,
 ) -> None:
     position.plot(time, state["displacement"], color=BLUE, lw=2.4)
     position.set_ylabel("slide  $u_1$  [m]")

@@ -1,0 +1,107 @@
+"""Judge a recorded demo: against the independent solution, the laws' bounds and the counts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cylconn_ros.cli import scenes
+from cylconn_ros.cli.checks import Check, against, below, equal
+from cylconn_ros.cli.results import reduce_states
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.recording.reader import Run
+
+# Errors of a second-order step at 1 ms; other periods are granted their square.
+_ERROR_AT_1MS = {"distance": 2e-5, "turns": 2e-4, "stop_time": 1e-4}  # m, 1, s
+_WORST_OFFSET = 1e-4  # m
+_WORST_MISALIGNMENT = 1e-3  # rad
+_WORST_RESIDUAL = 1e-12  # semantics: what double precision attains
+
+
+def reference(scene: Scene) -> Any:
+    """Solve the reduced equations of the scene independently of the connector's methods."""
+    from cylconn_ros.reference import slide_and_spin
+
+    return slide_and_spin(scene)
+
+
+def judge(run: Run, scene: Scene, expected: Any) -> list[Check]:
+    """Compare a recorded run with what is expected of it, line by line."""
+    state = run.state
+    steps = scenes.steps(scene)
+    if not len(state):
+        return [equal("samples answered", 0, steps)]
+    found = reduce_states(state.time, state.columns)
+    answered = len(np.unique(state.stamp))
+    grant = {name: size * (scene.period / 1e-3) ** 2 for name, size in _ERROR_AT_1MS.items()}
+    lines = [Check("method", ", ".join(dict.fromkeys(state["method"])))]
+    if math.isfinite(expected.stop_time) and expected.stop_time < found.duration:
+        lines.append(
+            against("stop time", found.stop_time, expected.stop_time, grant["stop_time"], "s")
+        )
+    # Where the run is cut short of the stop, the reference is read at the last sample.
+    distance = float(np.interp(found.duration, expected.t, expected.l))
+    turns = float(np.interp(found.duration, expected.t, expected.alpha)) / (2.0 * math.pi)
+    lines += [
+        against("distance", found.distance, distance, grant["distance"], "m"),
+        against("turns", found.turns, turns, grant["turns"], ""),
+        below("constraint, offset", found.worst_offset * 1e3, _WORST_OFFSET * 1e3, "mm"),
+        below(
+            "constraint, angle", found.worst_misalignment * 1e3, _WORST_MISALIGNMENT * 1e3, "mrad"
+        ),
+        below("residual of the laws", found.worst_residual, _WORST_RESIDUAL, ""),
+        equal("samples answered", answered, steps),
+        equal("samples lost", _lost(run), 0),
+        equal("samples refused", found.refused, 0),
+        *_recording(run),
+        *_times(run),
+    ]
+    return lines
+
+
+def _lost(run: Run) -> int:
+    """Count samples whose motion was recorded and whose stamp no state answers."""
+    answered = np.unique(run.state.stamp)
+    motion = [run.table(topic) for topic in run.types if topic.endswith(("/pose", "/odom"))]
+    stamps = np.unique(np.concatenate([table.stamp for table in motion if len(table)]))
+    return int(np.setdiff1d(stamps, answered).size)
+
+
+def _recording(run: Run) -> list[Check]:
+    whole = run.incomplete is None
+    messages = f"{sum(run.counts.values())} messages"
+    return [Check("recording", messages if whole else str(run.incomplete), "whole", whole)]
+
+
+def _times(run: Run) -> list[Check]:
+    """What a sample costs: inside the connector, and from one answer to the next over ROS."""
+    computing = run.state["computing_time"] * 1e6
+    between = np.diff(run.state.log_time) * 1e-3
+    lines = []
+    for name, times in (("connector", computing), ("round trip", between)):
+        if len(times):
+            median, late = np.median(times), np.quantile(times, 0.99)
+            text = f"{median:.0f} µs median, {late:.0f} µs 99 %"
+            lines.append(Check(f"time a sample, {name}", text))
+    return lines
+
+
+def draw(run: Run, scene: Scene, expected: Any, path: Path) -> Path:
+    """Draw the run with its reference."""
+    from cylconn_ros.plots.run_picture import ReferenceCurves, draw_run, save_run
+
+    state = run.state
+    curves = ReferenceCurves(expected.t, expected.l, expected.alpha, expected.normal_force)
+    figure = draw_run(
+        state.time,
+        state.columns,
+        "A sleeve slides and spins down a shaft until friction stops it",
+        f"method {state['method'][0]}, period {scene.period * 1e3:g} ms, "
+        "plant and connector as two processes over ROS 2; dashed: independent solution",
+        curves,
+    )
+    save_run(figure, path)
+    return path

@@ -1,0 +1,64 @@
+"""``cylconn``: the commands, what they have in common and how they fail."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+import cylconn_ros
+from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.connector.parameters import SceneError
+from cylconn_ros.recording.errors import RecordingError
+
+COMMANDS = {
+    "demo": "run plant and connector as two processes and judge the recorded run",
+    "simulate": "run a scene in this process, without ROS",
+    "info": "show what is in a recorded run",
+}
+"""Name of each command, which is also its module, and what it does."""
+
+USAGE_ERROR = 2
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser of all commands."""
+    top = argparse.ArgumentParser(
+        prog="cylconn",
+        description="Cylindrical connector between two rigid bodies: run it, look at runs.",
+        epilog="cylconn COMMAND --help says how to use a command.",
+    )
+    top.add_argument("--version", action="version", version=cylconn_ros.__version__)
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, summary in COMMANDS.items():
+        module = importlib.import_module(f"cylconn_ros.cli.{name}")
+        command = commands.add_parser(
+            name,
+            help=summary,
+            description=module.__doc__,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return top
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code: 0 well, 1 something is off, 2 wrongly used."""
+    options = parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except (CommandError, RecordingError, SceneError) as error:
+        print(f"cylconn {options.command}: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        print(f"\ncylconn {options.command}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # `cylconn info RUN | head`
+        sys.stderr.close()
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""A progress bar on standard error; a line every tenth where there is no terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TextIO
+
+_WIDTH = 36
+
+
+class Progress:
+    """Show how much of a known amount is done; a context manager, called with (done, total)."""
+
+    def __init__(self, label: str, stream: TextIO | None = None) -> None:
+        self._label = label
+        self._stream = stream or sys.stderr
+        self._terminal = self._stream.isatty()
+        self._start = time.monotonic()
+        self._drawn = -1.0
+        self._tenths = 0
+        self._open_line = False
+
+    def note(self, text: str) -> None:
+        """Say what is being waited for, until the first progress."""
+        if self._terminal:
+            self._write(f"\r\033[K{self._label}: {text}")
+            self._open_line = True
+        else:
+            self._write(f"{self._label}: {text}\n")
+
+    def __call__(self, done: int, total: int) -> None:
+        """Redraw, at most twenty times a second."""
+        now = time.monotonic()
+        share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0
+        if self._terminal:
+            if now - self._drawn < 0.05 and share < 1.0:
+                return
+            self._drawn = now
+            filled = round(share * _WIDTH)
+            bar = "#" * filled + "." * (_WIDTH - filled)
+            elapsed = now - self._start
+            self._write(f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s")
+            self._open_line = True
+        elif int(share * 10.0) > self._tenths:
+            self._tenths = int(share * 10.0)
+            self._write(f"{self._label}: {share:.0%}\n")
+
+    def close(self) -> None:
+        """End the line of the bar."""
+        if self._open_line:
+            self._write("\n")
+            self._open_line = False
+
+    def _write(self, text: str) -> None:
+        self._stream.write(text)
+        self._stream.flush()
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,174 @@
+"""Run a scene in this process, without ROS, with the plant and the connector step of the nodes.
+
+SCENE is a parameter file, or the name of a scene that comes along (demo, coast, incline, …).
+With -o the run is kept: NAME.npz holds arrays, any other NAME becomes a recorded run (rosbag2) as
+the nodes would have made it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cylconn_ros
+from cylconn_ros.cli import scenes
+from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.cli.info import describe
+from cylconn_ros.cli.progress import Progress
+from cylconn_ros.cli.results import reduce_states
+from cylconn_ros.connector import scene_file
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.simulation import Run, simulate
+from cylconn_ros.core import layout
+
+_PICTURES = (".png", ".svg", ".pdf")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("scene", metavar="SCENE", help="parameter file, or name of a scene")
+    scenes.add_overrides(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="NAME", help="keep the run (new file)")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg or .pdf")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate, keep and draw as asked; 1 if a sample was refused."""
+    path = scenes.find(options.scene)
+    _check_names(options.output, options.plot)
+    scene = scenes.load_with_overrides(path, options)
+    with Progress(f"simulate {path.stem}") as bar:
+        bar.note("preparing (the first run compiles the physics)")
+        result = simulate(scene, scenes.steps(scene), bar)
+    print(f"method      {result.connector.method}: {result.connector.model}")
+    state = fields(result)
+    found = reduce_states(result.time, state)
+    print("\n".join(describe(found)))
+    print(
+        f"energy      {result.energy[0]:.6g} J at the start, {result.energy[-1]:.6g} J at the end"
+    )
+    if options.output is not None:
+        _keep(result, scene, options.output)
+        inspect = "numpy.load" if options.output.suffix == ".npz" else "cylconn info"
+        print(f"kept        {options.output}  (next: {inspect} {options.output})")
+    if options.plot is not None:
+        _draw(result, state, path.stem, scene, options.plot)
+        print(f"picture     {options.plot}")
+    if options.output is None and options.plot is None:
+        print("next: keep the run with -o NAME, draw it with --plot FILE.png")
+    return 1 if found.refused else 0
+
+
+def fields(result: Run) -> dict[str, np.ndarray]:
+    """Every field of ConnectorState by name, a row a sample."""
+    state = {name: result.state(name) for name, _ in layout.STATE_FIELDS}
+    whole = {
+        "regime": layout.REGIME,
+        "stop": layout.STOP,
+        "lock": layout.LOCK,
+        "status": layout.STATUS,
+        "flags": layout.FLAGS,
+    }
+    state.update({name: result.outs[:, at].astype(np.int64) for name, at in whole.items()})
+    return state
+
+
+def _check_names(output: Path | None, plot: Path | None) -> None:
+    """Refuse before the work what would be refused after it."""
+    if plot is not None and plot.suffix not in _PICTURES:
+        raise CommandError(f"{plot}: a picture ends in one of {', '.join(_PICTURES)}")
+    if output is not None:
+        if output.suffix not in ("", ".npz"):
+            raise CommandError(f"{output}: ends in .npz (arrays) or in nothing (recorded run)")
+        if output.exists():
+            raise CommandError(f"{output} exists; a run is never overwritten")
+
+
+def _keep(result: Run, scene: Scene, output: Path) -> None:
+    metadata = {
+        "version": cylconn_ros.__version__,
+        "method": result.connector.method,
+        "model": result.connector.model,
+        "parameters": scene_file.dump(scene),
+    }
+    if output.suffix == ".npz":
+        arrays: dict[str, Any] = {"time": result.time, "motion": result.states, "out": result.outs}
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+            with output.open("xb") as file:
+                np.savez_compressed(file, **arrays, **fields(result), **_texts(metadata))
+        except OSError as error:
+            raise CommandError(f"{output}: {error.strerror or error}") from None
+    else:
+        _record(result, scene, output, metadata)
+
+
+def _texts(metadata: Mapping[str, str]) -> dict[str, np.ndarray]:
+    return {name: np.array(text) for name, text in metadata.items()}
+
+
+def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]) -> None:
+    """Write the messages the nodes would have exchanged; log times are the stamps."""
+    from cylconn_ros.recording.metadata import TopicInfo
+    from cylconn_ros.recording.writer import RunWriter
+    from cylconn_ros.ros.cdr_writers import JointStateWriter, StampedWriter, StateWriter
+
+    world = scene.world_frame
+    topics = []
+    messages = []  # (topic, writer of a stamp and a row, first and last column, from the state?)
+    for name, body, motion, wrench in (
+        ("/body_a", scene.body_a, layout.A_POSE, layout.FORCE_A),
+        ("/body_b", scene.body_b, layout.B_POSE, layout.FORCE_B),
+    ):
+        if body.kind != "fixed":
+            topics.append(TopicInfo(f"{name}/pose", "geometry_msgs/msg/PoseStamped"))
+            topics.append(TopicInfo(f"{name}/twist", "geometry_msgs/msg/TwistStamped"))
+            poses, twists = StampedWriter(world, 7), StampedWriter(world)
+            messages.append((f"{name}/pose", poses, result.states[:, motion : motion + 7]))
+            messages.append((f"{name}/twist", twists, result.states[:, motion + 7 : motion + 13]))
+        frame = world if scene.wrench.axes == "world" else body.frame
+        topics.append(TopicInfo(f"{name}/wrench", "geometry_msgs/msg/WrenchStamped"))
+        wrenches = StampedWriter(frame)
+        messages.append((f"{name}/wrench", wrenches, result.outs[:, wrench : wrench + 6]))
+    topics.append(TopicInfo("/connector/state", "cylconn_ros/msg/ConnectorState"))
+    topics.append(TopicInfo("/connector/joint_state", "sensor_msgs/msg/JointState"))
+    states = StateWriter(scene.body_a.frame, result.connector.method)
+    joints = JointStateWriter(scene.body_a.frame, ("slide", "spin"))
+    with RunWriter(output, topics, metadata, scene.record.compression) as writer:
+        for k, time in enumerate(result.time):
+            stamp = round(time * 1e9)
+            for topic, message, rows in messages:
+                writer.write(topic, message.write(stamp, rows[k]), stamp, stamp)
+            out = result.outs[k]
+            writer.write("/connector/state", states.write(stamp, out), stamp, stamp)
+            pairs = (
+                (out[layout.LENGTH], out[layout.ANGLE]),
+                (out[layout.VELOCITY], out[layout.ANGULAR_VELOCITY]),
+                (out[layout.FORCE], out[layout.MOMENT]),
+            )
+            writer.write("/connector/joint_state", joints.write(stamp, *pairs), stamp, stamp)
+
+
+def _draw(
+    result: Run, state: Mapping[str, np.ndarray], name: str, scene: Scene, path: Path
+) -> None:
+    try:
+        from cylconn_ros.plots.run_picture import draw_run, save_run
+
+        figure = draw_run(
+            result.time,
+            state,
+            f"Scene {name}",
+            f"method {result.connector.method}, period {scene.period * 1e3:g} ms, in one process",
+        )
+        save_run(figure, path)
+    except ImportError as error:
+        raise CommandError(
+            f"--plot needs {error.name}: pip install 'cylconn_ros[demo]' brings it"
+        ) from None
+    except OSError as error:
+        raise CommandError(f"{path}: {error.strerror or error}") from None
