@@ -1,4 +1,4 @@
-"""The connector: one public step for everybody, live node, replay, plant loop and benchmark alike."""
+"""The connector: one public step for live node, replay, plant loop and benchmark alike."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ class Connector:
         method: the method that answers; what ``auto`` picked.
         model: one line saying what is modelled and what is left out.
 
-    Raises :class:`~cylconn_ros.connector.parameters.SceneError` for a scene that the method cannot serve.
+    Raises :class:`~cylconn_ros.connector.parameters.SceneError` for a scene that the method cannot
+    serve.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -54,8 +55,9 @@ class Connector:
 
         Returns
         -------
-            (NOUT,) the two wrenches as they are published, the state block, and the whole numbers. A sample that
-            cannot be used gives a zero wrench and says why in ``STATUS``. Nothing raises.
+            (NOUT,) the two wrenches as they are published, the state block, and the whole numbers.
+            A sample that cannot be used gives a zero wrench and says why in ``STATUS``. Nothing
+            raises.
         """
         if out is None:
             out = np.empty(layout.NOUT)

@@ -118,6 +118,10 @@ class SampleMatcher:
         self._pending: dict[int, _Slot] = {}
         self._old: dict[int, _Slot] = {}
 
+    def take_over(self, other: SampleMatcher) -> None:
+        """Go on with another matcher's counts and loads, but not with its samples."""
+        self.counts, self.received, self._loads = other.counts, other.received, other._loads
+
     @property
     def last_stamp(self) -> int | None:
         """Stamp of the last complete sample in ns, or None."""

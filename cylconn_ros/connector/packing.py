@@ -1,4 +1,4 @@
-"""A scene in numbers: the parameter array that the compiled step reads, and the method it asks for."""
+"""A scene in numbers: the array that the compiled step reads, and the method it asks for."""
 
 import math
 
@@ -140,7 +140,7 @@ def _penalty(scene: Scene) -> list[float]:
         if math.isnan(getattr(gains, name)):
             raise SceneError(
                 f"penalty.{name} = .nan: must be given for the method penalty; a sampled spring is "
-                "stable up to about m/h^2 and its damper to about m/h, with the lighter body's mass m"
+                "stable up to about m/h^2 and its damper to m/h, with the lighter body's mass m"
             )
     arm = max(0.5 * friction.overlap, 0.0 if math.isnan(friction.radius) else friction.radius)
     swing = gains.rotational_stiffness

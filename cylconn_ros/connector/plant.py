@@ -16,17 +16,19 @@ Array = NDArray[np.float64]
 class Plant:
     """Two rigid bodies, or one and ground; the stand-in for a simulator.
 
-    A wrench is converted once, at the pose it was sent for, to force and torque about the mass centre, and
-    held over the period in world axes, or in body axes where ``wrench.hold`` is ``body``. Translation is then
-    exact, rotation fourth order (:mod:`cylconn_ros.core.bodies`); with ``plant_integration: semi_implicit`` the
-    bodies move as in a simulator that updates velocities first and positions with them.
+    A wrench is converted once, at the pose it was sent for, to force and torque about the mass
+    centre, and held over the period in world axes, or in body axes where ``wrench.hold`` is
+    ``body``. Translation is then exact, rotation fourth order (:mod:`cylconn_ros.core.bodies`);
+    with ``plant_integration: semi_implicit`` the bodies move as in a simulator that updates
+    velocities first and positions with them.
 
     Attributes
     ----------
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
         time_ns: simulated time.
 
-    Raises :class:`SceneError` where the scene has no period, or a body that only its owner can move.
+    Raises :class:`SceneError` where the scene has no period, or a body that only its owner can
+    move.
     """
 
     def __init__(self, scene: Scene) -> None:

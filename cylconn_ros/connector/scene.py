@@ -118,7 +118,8 @@ class Reference:
     misalignment: str = parameter(
         "hold",
         choices=("hold", "zero"),
-        doc="The revolute constraint's target: the misalignment of the first accepted sample, or zero.",
+        doc="The revolute constraint's target: the misalignment of the first accepted sample, "
+        "or zero.",
     )
     pull_in_speed: float = parameter(
         0.1, gt=0.0, unit="m/s", doc="Greatest speed at which an offset violation is removed."
@@ -223,7 +224,7 @@ class Damping:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Penalty:
-    """Gains of the penalty method; a sampled spring is stable up to about m/h^2, its damper to m/h."""
+    """Gains of the penalty method: stable up to about m/h^2 and m/h."""
 
     stiffness: float = parameter(
         NAN, gt=0.0, unit="N/m", example=1e4, doc="Stiffness of the offsets; needed by penalty."
@@ -235,7 +236,7 @@ class Penalty:
         NAN,
         gt=0.0,
         unit="N.m/rad",
-        doc="Stiffness of the swings; .nan: stiffness r^2, with r = overlap/2 or radius, the greater.",
+        doc="Stiffness of the swings; .nan: stiffness r^2, r the greater of overlap/2 and radius.",
     )
     rotational_damping: float = parameter(
         NAN, ge=0.0, unit="N.m.s/rad", doc="Damping of the swings; .nan: damping r^2."

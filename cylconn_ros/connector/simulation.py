@@ -1,4 +1,4 @@
-"""The closed loop in process: the same plant and the same connector step as the two nodes, without ROS."""
+"""The closed loop in process: plant and connector step of the two nodes, without ROS."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -48,7 +48,8 @@ def simulate(scene: Scene, steps: int, progress: Callable[[int, int], None] | No
     Args:
         progress: called with (done, steps) now and then, and at the end.
 
-    Raises :class:`~cylconn_ros.connector.parameters.SceneError` for a scene that cannot be served or moved.
+    Raises :class:`~cylconn_ros.connector.parameters.SceneError` for a scene that cannot be served
+    or moved.
     """
     plant, connector = Plant(scene), Connector(scene)
     time = np.empty(steps)

@@ -1,1 +1,1 @@
-"""The physics of the cylindrical connector: NumPy and the compiler only, no ROS, no files, no clock."""
+"""The physics of the connector: NumPy and the compiler only, no ROS, no files, no clock."""

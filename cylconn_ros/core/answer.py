@@ -28,6 +28,7 @@ def write_forces(out: Array, f: Vector, m: Vector) -> None:
 
 @jit
 def write_contact(out: Array, c: Contact, mu: float, limit: float, traction: float) -> None:
+    """The contact and what friction makes of it."""
     out[out_at.RADIAL_FORCE] = c.radial
     out[out_at.BENDING_MOMENT] = c.moment
     out[out_at.BENDING_FORCE] = c.bending
@@ -55,10 +56,11 @@ def write_wrenches(
     """Write both wrenches as published and remember them; return LIMITED if they were scaled down.
 
     Args:
-        acting: the configuration in which the wrench acts; both bodies get it at the same point there.
-        f, m: force and moment on B at node b, axes of a.
+        acting: the configuration in which the wrench acts; both bodies get it at the same point
+        there. f, m: force and moment on B at node b, axes of a.
         a, b: the bodies at the sample, where a published wrench is taken to force and torque.
-        turned_a, turned_b: orientations half a period on: a wrench that is held in body axes and turns
+        turned_a, turned_b: orientations half a period on: a wrench that is held in body axes and
+        turns
             with them has its mean there.
     """
     o = model.output(par)
@@ -97,7 +99,7 @@ def _publish(
     force: Vector,
     torque: Vector,
 ) -> None:
-    """Force and torque about the mass centre, world axes, in the axes and about the point asked for."""
+    """Write force and torque (about the mass centre, world axes) in the form asked for."""
     here = matrix(motion.orientation)
     if (
         o.held_in_body

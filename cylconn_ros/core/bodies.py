@@ -23,7 +23,7 @@ from cylconn_ros.core.vectors import (
 
 
 class Body(NamedTuple):
-    """Mass properties, in body axes about the mass centre; infinite inertia has the inverses zero."""
+    """Mass properties, body axes, about the mass centre; infinite inertia: inverses zero."""
 
     free: bool  # mass and inertia known: it answers to forces
     mass: float

@@ -1,12 +1,12 @@
 """One source, compiled where numba is installed and run as it is where it is not.
 
-``jit`` marks the functions of the physics. They are written with scalars and tuples only, which numba
-compiles to machine code and plain Python runs at a useful speed.
+``jit`` marks the functions of the physics. They are written with scalars and tuples only, which
+numba compiles to machine code and plain Python runs at a useful speed.
 
-Compiled code is cached per state of the sources: numba checks only the file a function stands in, not
-those of the functions it calls, so the cache directory carries a digest of all of them. It lies where
-an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_HOME/cylconn_ros``, else
-``~/.cache/cylconn_ros``, else the directory for temporary files.
+Compiled code is cached per state of the sources: numba checks only the file a function stands in,
+not those of the functions it calls, so the cache directory carries a digest of all of them. It lies
+where an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_HOME/cylconn_ros``,
+else ``~/.cache/cylconn_ros``, else the directory for temporary files.
 """
 
 import hashlib
@@ -38,17 +38,17 @@ def _digest() -> str:
 
 
 def _cache_directory() -> str:
-    home = os.environ.get("CYLCONN_CACHE_DIR") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "cylconn_ros"
-    )
-    for root in (home, os.path.join(tempfile.gettempdir(), f"cylconn_ros-{os.getuid()}")):
-        directory = os.path.join(root, _digest())
+    home = os.environ.get("CYLCONN_CACHE_DIR")
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    temporary = Path(tempfile.gettempdir(), f"cylconn_ros-{os.getuid()}")
+    for root in (Path(home) if home else caches / "cylconn_ros", temporary):
+        directory = root / _digest()
         try:
-            os.makedirs(directory, exist_ok=True)
+            directory.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
         if os.access(directory, os.W_OK):
-            return directory
+            return str(directory)
     return ""  # numba's own choice, beside the source
 
 

@@ -2,21 +2,22 @@
 
 After the constrained components are eliminated two unknowns are left, phi = (f1f, m1f/R), with
 
-    s+      = s_free + S phi               the slip velocity at the end; S symmetric, positive definite
-    s~      = (1 - theta) s- + theta s+    the one that friction opposes; theta = 1/2 or 1
+    s+      = s_free + S phi               the slip velocity at the end; S symmetric, positive
+    definite s~      = (1 - theta) s- + theta s+    the one that friction opposes; theta = 1/2 or 1
     (f, m)c = base + c1 phi1 + c2 phi2     the constraint reactions, hence FN
 
     stick:   s+ = 0           and  |phi| <= limit(0, FN(phi))
     slip:    phi = -s~ / r    and  |phi|  = limit(|s~|, FN(phi)),    r = |s~| / |phi| > 0
 
-so that all candidates lie on one curve, phi(r) = -(theta S + r I)^-1 s~free, from phi = 0 at r = inf to
-stick at r = 0. |phi| grows along it: the solution of least traction, which for a constant coefficient is that
-of least normal force, is the first one met when r comes down from infinity. The search
-therefore excludes stretches of the curve by bounds that hold for certain and never steps over a root.
+so that all candidates lie on one curve, phi(r) = -(theta S + r I)^-1 s~free, from phi = 0 at r =
+inf to stick at r = 0. |phi| grows along it: the solution of least traction, which for a constant
+coefficient is that of least normal force, is the first one met when r comes down from infinity. The
+search therefore excludes stretches of the curve by bounds that hold for certain and never steps
+over a root.
 
-Selection (semantics of several solutions): after stick, stick if admissible; otherwise the first root, stick
-only where there is none. theta = 1/2 (second order) where the slip velocity does not turn by more than
-s-.s+ > |s-|^2/4 allows, else theta = 1.
+Selection (semantics of several solutions): after stick, stick if admissible; otherwise the first
+root, stick only where there is none. theta = 1/2 (second order) where the slip velocity does not
+turn by more than s-.s+ > |s-|^2/4 allows, else theta = 1.
 """
 
 import math
@@ -31,7 +32,7 @@ Two = tuple[float, float]
 
 
 class Disc(NamedTuple):
-    """The step's equations left for phi (above), S by its eigenvalues and eigenvector (cos, sin)."""
+    """The equations left for phi (above); S by its eigenvalues and eigenvector (cos, sin)."""
 
     s_minus: Two
     s_free: Two
@@ -68,6 +69,7 @@ class _Curve(NamedTuple):
 def disc_problem(
     s_minus: Two, s_free: Two, s11: float, s12: float, s22: float, base: Four, c1: Four, c2: Four
 ) -> Disc:
+    """The problem for S given by its elements."""
     greater, lesser, cos, sin = eigen2(s11, s12, s22)
     return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
 
@@ -124,8 +126,9 @@ def _growth(law: Law, d: Disc) -> float:
 def _bracketed(law: Law, par: Array, d: Disc, c: _Curve, low: float, high: float) -> float:
     """The root between ``low`` (limit < |phi|) and ``high`` (limit >= |phi|).
 
-    limit/|phi| - 1 is linear in r where FN and the direction are constant, so regula falsi (Anderson and
-    Bjorck's form) takes a few evaluations; every fourth one halves the bracket, to be safe.
+    limit/|phi| - 1 is linear in r where FN and the direction are constant, so regula falsi
+    (Anderson and Bjorck's form) takes a few evaluations; every fourth one halves the bracket, to be
+    safe.
     """
     lim, size = _spare(law, par, d, c, low)
     g_low = lim / size - 1.0
@@ -162,8 +165,9 @@ def _free_of_roots(
 ) -> bool:
     """Whether |phi| < limit for certain on the whole of [low, high].
 
-    Both components of phi(r) are monotone, so on the stretch |phi| <= |phi(low)|, FN differs from FN(high)
-    by at most growth |phi(low) - phi(high)|, and |s~| from its value at high by their difference.
+    Both components of phi(r) are monotone, so on the stretch |phi| <= |phi(low)|, FN differs from
+    FN(high) by at most growth |phi(low) - phi(high)|, and |s~| from its value at high by their
+    difference.
     """
     p, q = c.a / (c.l1 + low), c.b / (c.l2 + low)
     u, v = c.a / (c.l1 + high), c.b / (c.l2 + high)
@@ -198,7 +202,8 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool
                 return _bracketed(law, par, d, c, 0.0, high)
             high *= 4.0
         return math.inf
-    # From infinity down to the first stretch's upper end: there FN is FN(0), give or take growth |phi|.
+    # From infinity down to the first stretch's upper end: there FN is FN(0), give or take growth
+    # |phi|.
     certain = False
     while not certain and high < 1e300:
         high *= 4.0

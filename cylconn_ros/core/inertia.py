@@ -20,7 +20,7 @@ from cylconn_ros.core.vectors import (
 
 
 class Inertia(NamedTuple):
-    """G = J~ M^-1 J~^T by its 3x3 blocks, in the axes of a: force to velocity, moment to velocity, .."""
+    """G by its 3x3 blocks, axes of a: force to velocity, moment to velocity, moment to spin."""
 
     ff: Symmetric
     fm: Matrix  # rows: dv_i / dm_j
@@ -51,6 +51,7 @@ def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> I
 
 @jit
 def of_both(a: Inertia, b: Inertia) -> Inertia:
+    """What opposite wrenches on both bodies do to the relative velocity."""
     x, y = a.ff, b.ff
     u, v = a.mm, b.mm
     return Inertia(

@@ -1,7 +1,8 @@
 """Relative motion of node b against node a, and its Jacobian applied to velocities.
 
-Symbols (axes of a, unless said): d = xb - xa; l = e1a.d; y = e2a.d, z = e3a.d; v, w the relative twist at
-node b. The orientation of b in a is split as swing times twist, swing across e1a and twist about it.
+Symbols (axes of a, unless said): d = xb - xa; l = e1a.d; y = e2a.d, z = e3a.d; v, w the relative
+twist at node b. The orientation of b in a is split as swing times twist, swing across e1a and twist
+about it.
 """
 
 import math
@@ -49,7 +50,7 @@ class Twist(NamedTuple):
 
 
 class Angles(NamedTuple):
-    """Orientation of b in a: angle about e1a within (-pi, pi], swing from e1b to e1a about e2a, e3a."""
+    """Orientation of b in a: angle about e1a in (-pi, pi], swing from e1b to e1a."""
 
     angle: float
     misalignment_2: float
@@ -108,7 +109,7 @@ def orientation_in(a: Quaternion, b: Quaternion) -> Quaternion:
 
 @jit
 def unwrapped(angle: float, predicted: float) -> tuple[float, bool]:
-    """The angle with the whole turns that bring it nearest to ``predicted``, and whether that is unsure."""
+    """The angle with the whole turns nearest to ``predicted``, and whether that is unsure."""
     turns = math.floor((predicted - angle) / (2.0 * math.pi) + 0.5)
     full = angle + 2.0 * math.pi * turns
     return full, abs(full - predicted) > 0.5 * math.pi

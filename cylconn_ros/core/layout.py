@@ -1,14 +1,15 @@
 """Where each quantity stands in the flat float64 arrays that cross the border of the compiled step.
 
-Three arrays: ``SAMPLE`` (what was measured), ``OUT`` (what the connector answers) and, private to the
-methods, ``MEM`` (what is remembered between samples). Flat arrays are what a compiled function takes
-at the least cost and what a message body is made of: the ``STATE`` block of ``OUT`` has the order of
-``msg/ConnectorState.msg``, so filling the message is one copy.
+Three arrays: ``SAMPLE`` (what was measured), ``OUT`` (what the connector answers) and, private to
+the methods, ``MEM`` (what is remembered between samples). Flat arrays are what a compiled function
+takes at the least cost and what a message body is made of: the ``STATE`` block of ``OUT`` has the
+order of ``msg/ConnectorState.msg``, so filling the message is one copy.
 """
 
 from typing import Final
 
-# --- SAMPLE: poses (position m, quaternion x y z w), twists and loads in world axes ------------------
+# --- SAMPLE: poses (position m, quaternion x y z w), twists and loads in world axes
+# ------------------
 A_POSE: Final = 0  # x y z qx qy qz qw of body A's frame in the world
 A_TWIST: Final = 7  # velocity of its origin (m/s), angular velocity (rad/s), world axes
 B_POSE: Final = 13
@@ -18,7 +19,8 @@ B_LOAD: Final = 32
 NSAMPLE: Final = 38
 MOTION: Final = slice(0, 26)  # the part of a sample that is the plant's state
 
-# --- OUT: the two wrenches as published, the state block, the whole numbers ---------------------------
+# --- OUT: the two wrenches as published, the state block, the whole numbers
+# ---------------------------
 FORCE_A: Final = 0
 TORQUE_A: Final = 3
 FORCE_B: Final = 6
@@ -68,7 +70,7 @@ STATE_FIELDS: Final[tuple[tuple[str, int], ...]] = (
     ("passivity_balance", 1),
     ("computing_time", 1),
 )
-"""Name and width of every float64 field of ConnectorState, in message order (a test compares them)."""
+"""Name and width of every float64 field of ConnectorState, in message order."""
 
 STATE0: Final = 12
 NSTATE: Final = sum(width for _, width in STATE_FIELDS)
@@ -137,7 +139,8 @@ STATUS: Final = REGIME + 3
 FLAGS: Final = REGIME + 4
 NOUT: Final = REGIME + 5
 
-# --- whole numbers, as in ConnectorState.msg ----------------------------------------------------------
+# --- whole numbers, as in ConnectorState.msg
+# ----------------------------------------------------------
 FRICTIONLESS: Final = 0
 STICK: Final = 1
 SLIP: Final = 2

@@ -13,7 +13,7 @@ def factor(
     a00: float, a10: float, a11: float, a20: float, a21: float, a22: float,
     a30: float, a31: float, a32: float, a33: float,
 ) -> Lower:  # fmt: skip
-    """L D L^T of a symmetric positive definite 4x4: (l10, l20, l21, l30, l31, l32, 1/d0 .. 1/d3)."""
+    """L D L^T of a positive definite 4x4: (l10, l20, l21, l30, l31, l32, 1/d0 .. 1/d3)."""
     i0 = 1.0 / a00
     l10, l20, l30 = a10 * i0, a20 * i0, a30 * i0
     i1 = 1.0 / (a11 - l10 * a10)
@@ -42,7 +42,7 @@ def solve(f: Lower, b0: float, b1: float, b2: float, b3: float) -> Four:
 
 @jit
 def eigen2(a: float, b: float, c: float) -> tuple[float, float, float, float]:
-    """(greater, lesser, cos, sin) of [[a, b], [b, c]]; (cos, sin) belongs to the greater eigenvalue.
+    """(greater, lesser, cos, sin) of [[a, b], [b, c]]; (cos, sin) goes with the greater.
 
     The lesser one is the determinant over the greater: no cancellation when they are far apart.
     """

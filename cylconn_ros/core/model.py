@@ -1,7 +1,8 @@
 """The flat arrays private to the methods: PAR, the scene in numbers, and MEM, what is remembered.
 
-PAR is packed once from a scene; MEM is all that a connector knows of earlier samples, so that saving and
-restoring it restores the connector. Readers turn stretches of PAR into the named tuples of the physics.
+PAR is packed once from a scene; MEM is all that a connector knows of earlier samples, so that
+saving and restoring it restores the connector. Readers turn stretches of PAR into the named tuples
+of the physics.
 """
 
 import math
@@ -13,7 +14,7 @@ from cylconn_ros.core.friction import Array, Law
 from cylconn_ros.core.kinematics import Nodes
 from cylconn_ros.core.vectors import Quaternion, Vector
 
-# --- PAR ----------------------------------------------------------------------------------------------
+# --- PAR ---
 GRAVITY: Final = 0  # 3, world axes
 BODY_A: Final = 3  # free, mass, 1/mass, com 3, inertia 6, inverse inertia 6
 BODY_B: Final = 21
@@ -30,7 +31,7 @@ OUTPUT: Final = (
 )
 TABLE: Final = 88  # rates, forces, values
 
-# --- MEM ----------------------------------------------------------------------------------------------
+# --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration
 LENGTH0: Final = 1
 ANGLE0: Final = 2
@@ -67,21 +68,25 @@ class Output(NamedTuple):
 
 @jit
 def vector(a: Array, at: int) -> Vector:
+    """Three numbers of ``a``."""
     return (a[at], a[at + 1], a[at + 2])
 
 
 @jit
 def quaternion(a: Array, at: int) -> Quaternion:
+    """Four numbers of ``a``."""
     return (a[at], a[at + 1], a[at + 2], a[at + 3])
 
 
 @jit
 def put(a: Array, at: int, v: Vector) -> None:
+    """Write three numbers."""
     a[at], a[at + 1], a[at + 2] = v
 
 
 @jit
 def body(par: Array, at: int) -> Body:
+    """The body at BODY_A or BODY_B."""
     return Body(
         par[at] != 0.0,
         par[at + 1],
@@ -94,11 +99,13 @@ def body(par: Array, at: int) -> Body:
 
 @jit
 def nodes(par: Array) -> Nodes:
+    """Where the end points are."""
     return Nodes(vector(par, NODE_A), quaternion(par, NODE_A + 3), vector(par, NODE_B))
 
 
 @jit
 def law(par: Array) -> Law:
+    """The law of friction."""
     at = FRICTION
     return Law(
         par[at] != 0.0,
@@ -119,6 +126,7 @@ def law(par: Array) -> Law:
 
 @jit
 def output(par: Array) -> Output:
+    """How wrenches leave the connector."""
     at = OUTPUT
     return Output(
         par[at] != 0.0,

@@ -38,7 +38,7 @@ CONTRADICTION = 0.2  # share of the motion by which poses and twists may differ
 
 
 class Observed(NamedTuple):
-    """The connector at a sample: bodies at their mass centres, geometry, and the constraint's error."""
+    """The connector at a sample: bodies at their mass centres, geometry, constraint error."""
 
     a: Motion
     b: Motion

@@ -80,7 +80,7 @@ def _semi_implicit_step(body: Body, m: Motion, force: Vector, torque: Vector, h:
 def _turning_step(
     body: Body, m: Motion, weight: Vector, force: Vector, torque: Vector, h: float
 ) -> Motion:
-    """A wrench held in body axes turns with the body: short steps, each with the wrench at its middle."""
+    """A wrench held in body axes: short steps, each with the turned wrench at its middle."""
     n = 1 + int(min(norm(m.spin) * h * 100.0, 1000.0))
     dt = h / n
     for _ in range(n):

@@ -1,7 +1,8 @@
 """3-vectors, quaternions (x, y, z, w) and symmetric 3x3 tensors (xx, xy, xz, yy, yz, zz) as tuples.
 
-Tuples of floats compile to registers and need no allocation, which is also what makes them the fastest
-form in plain Python. A rotation matrix is a tuple of its three columns: the axes of the turned frame.
+Tuples of floats compile to registers and need no allocation, which is also what makes them the
+fastest form in plain Python. A rotation matrix is a tuple of its three columns: the axes of the
+turned frame.
 """
 
 import math
@@ -16,16 +17,19 @@ Symmetric = tuple[float, float, float, float, float, float]
 
 @jit
 def add(a: Vector, b: Vector) -> Vector:
+    """Vector algebra: a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @jit
 def sub(a: Vector, b: Vector) -> Vector:
+    """Vector algebra: a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @jit
 def scale(s: float, a: Vector) -> Vector:
+    """Vector algebra: s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 
@@ -37,16 +41,19 @@ def add_scaled(a: Vector, s: float, b: Vector) -> Vector:
 
 @jit
 def dot(a: Vector, b: Vector) -> float:
+    """Vector algebra: a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit
 def cross(a: Vector, b: Vector) -> Vector:
+    """Vector algebra: a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @jit
 def norm(a: Vector) -> float:
+    """|a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
@@ -65,6 +72,7 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @jit
 def conjugate(q: Quaternion) -> Quaternion:
+    """The turn back."""
     return (-q[0], -q[1], -q[2], q[3])
 
 

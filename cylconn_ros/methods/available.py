@@ -1,10 +1,11 @@
-"""What acts along the available components, slide and spin, once the constrained ones are eliminated.
+"""What acts on slide and spin, once the constrained components are eliminated.
 
-Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit and second
-order. They are taken into S before friction is solved on the disc (core/disc.py).
+Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit
+and second order. They are taken into S before friction is solved on the disc (core/disc.py).
 
-Stick holds a place, not only a speed: from its second sample on, s+ is measured from the target that brings the
-place back within a step, as a constraint's is, so that stick on moving bodies does not creep.
+Stick holds a place, not only a speed: from its second sample on, s+ is measured from the target
+that brings the place back within a step, as a constraint's is, so that stick on moving bodies does
+not creep.
 """
 
 import math
@@ -35,7 +36,7 @@ class Reduced(NamedTuple):
 
 
 class Available(NamedTuple):
-    """What acts on the available components: springs and dampers, friction, and how it was found."""
+    """What acts on slide and spin: springs and dampers, friction, and how it was found."""
 
     spring: tuple[float, float]  # elastic part of f1, m1
     damper: tuple[float, float]  # viscous part
@@ -52,7 +53,8 @@ def available(
 ) -> Available:
     """Springs, dampers and friction on slide and spin.
 
-    Spring and damper: e - E w+ with E = k h/4 + c/2 on each component, so that with W = (I + hA E)^-1
+    Spring and damper: e - E w+ with E = k h/4 + c/2 on each component, so that with W = (I + hA
+    E)^-1
 
         w+ = W (free + hA e) + W hA phi
     """
@@ -94,6 +96,7 @@ def available(
 
 @jit
 def reactions(r: Reduced, f1: float, m1: float) -> Four:
+    """The constraint reactions (f2, f3, m2, m3) that go with (f1, m1)."""
     return (
         r.base[0] + r.by_f1[0] * f1 + r.by_m1[0] * m1,
         r.base[1] + r.by_f1[1] * f1 + r.by_m1[1] * m1,

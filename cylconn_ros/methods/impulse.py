@@ -1,26 +1,28 @@
 """Known inertia: constraint reactions and friction of one step, solved together.
 
-The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b in the axes of a, held over the coming period h:
+The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b in the axes of a, held over the coming
+period h:
 
-    v+ = vf + h M^-1 J~^T Lambda            vf: the free velocity, gravity, loads and gyroscopic terms
-    w+ = J~ v+                              relative twist at node b, J~ in the configuration q~
-    w+_c = target_c                         c: the constrained components y, z and both swings
+    v+ = vf + h M^-1 J~^T Lambda            vf: the free velocity, gravity, loads and gyroscopic
+    terms w+ = J~ v+                              relative twist at node b, J~ in the configuration
+    q~ w+_c = target_c                         c: the constrained components y, z and both swings
     s+ = (v1, R w1)+ and friction           see core/disc.py
 
-q~ is the middle of the step. Each mass centre stands at its mean over the free step, x + h v/2 + h^2 a/6, and
-as a body's own force does not move it across that force, the two wrenches exchange linear and
-angular momentum exactly over the step, not only to second order.
+q~ is the middle of the step. Each mass centre stands at its mean over the free step, x + h v/2 +
+h^2 a/6, and as a body's own force does not move it across that force, the two wrenches exchange
+linear and angular momentum exactly over the step, not only to second order.
 
-Only the wrench goes out, and positions are measured at the next sample: e the constraint's error, q^ = q + h v
+Only the wrench goes out, and positions are measured at the next sample: e the constraint's error,
+q^ = q + h v
 
     exact plant          w+_c = -e/h - J(q)v_c/2 - [(J(q^) - J~) v]_c       deadbeat, second order
     semi-implicit plant  w+_c = -e/h, all in the configuration q
 
-The bracket takes J~v+ to the end of the step; the available components carry it too, so that s+ is the slip at
-the end. -e/h is limited to the pull-in speed.
+The bracket takes J~v+ to the end of the step; the available components carry it too, so that s+ is
+the slip at the end. -e/h is limited to the pull-in speed.
 
-Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit, second
-order, and taken into S before friction is solved.
+Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit,
+second order, and taken into S before friction is solved.
 """
 
 import math
@@ -66,7 +68,7 @@ class Free(NamedTuple):
 def _free(
     par: Array, body: Body, m: Motion, load: Vector, torque: Vector, h: float, explicit: bool
 ) -> Free:
-    """The free step; ``explicit`` freezes everything at its start, as a semi-implicit plant does."""
+    """The free step; ``explicit``: all frozen at its start, as a semi-implicit plant does."""
     if not body.free:
         q = turned(m.orientation, scale(0.5 * h, m.spin))
         if explicit:

@@ -1,14 +1,16 @@
 """Unknown inertia: spring-dampers on the constraints, elastic stick on the available components.
 
-    f_c = -k e - c w_c                      e the constraint's error, w_c its rate; k, c for offsets and swings
-    phi = -ks d - cs s,  |phi| <= mu FN     d the elastic slip, carried along by s; brought back onto the disc
+    f_c = -k e - c w_c                      e the constraint's error, w_c its rate; k, c for offsets
+    and swings phi = -ks d - cs s,  |phi| <= mu FN     d the elastic slip, carried along by s;
+    brought back onto the disc
 
-FN is made of this sample's f_c, so friction and reactions are of the same step; as neither depends on the
-other through the (unknown) inertia, no system is solved. When phi leaves the disc it is brought back radially
-and d is what the spring alone then holds. The wrench acts where it was measured.
+FN is made of this sample's f_c, so friction and reactions are of the same step; as neither depends
+on the other through the (unknown) inertia, no system is solved. When phi leaves the disc it is
+brought back radially and d is what the spring alone then holds. The wrench acts where it was
+measured.
 
-What a sampled spring can be: k <= m/h^2 and c of the order of m/h, with m the lighter body's mass. It is the
-user's to choose, since only the user may know m.
+What a sampled spring can be: k <= m/h^2 and c of the order of m/h, with m the lighter body's mass.
+It is the user's to choose, since only the user may know m.
 """
 
 import math

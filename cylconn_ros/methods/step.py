@@ -33,7 +33,8 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
         sample: (NSAMPLE,) see core/layout.py. h: the period the wrench will be held, s.
         out: (NOUT,) the answer.
 
-    Returns the status: OK, or why the wrench is zero. A sample that cannot be used leaves ``mem`` as it was.
+    Returns the status: OK, or why the wrench is zero. A sample that cannot be used leaves ``mem``
+    as it was.
     """
     status = status_of(sample)
     if status == out_at.OK and not h > 0.0:
