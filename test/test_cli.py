@@ -185,7 +185,7 @@ def test_info_shows_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     for words in (
         "recorded by cylconn_ros 9.8.7",
         "/connector/state      1000  cylconn_ros/msg/ConnectorState",
-        "impulse: everything",
+        "method      impulse\nmodel       everything",
         "stick 40.0%, slip 60.0%",
         "slide 0.360480 m, spin 3.000000 turns",
         "from 0.600400 s on",

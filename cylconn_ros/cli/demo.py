@@ -94,9 +94,9 @@ def run_processes(scene: Path, steps: int) -> list[str]:
     environment = private_environment()
     with Progress("demo") as bar:
         follower = _Follower(bar, steps)
-        arguments = ["--ros-args", "--params-file", scene]
-        connector_command = [executable("connector"), *arguments]
-        plant_command = [executable("plant"), *arguments]
+        arguments = ["--ros-args", "--params-file", str(scene)]
+        connector_command = [str(executable("connector")), *arguments]
+        plant_command = [str(executable("plant")), *arguments]
         bar.note("starting (the first run compiles the physics)")
         with (
             Child("connector", connector_command, environment) as connector,

@@ -61,9 +61,9 @@ def _states(recorded: Run) -> list[str]:
     if not len(state):
         return ["no state was recorded"]
     methods = ", ".join(dict.fromkeys(state["method"]))
-    model = recorded.metadata.get("model", "")
+    model = recorded.metadata.get("model", "not recorded")
     found = reduce_states(state.time, state.columns)
-    return [f"method      {methods}" + (f": {model}" if model else ""), *describe(found)]
+    return [f"method      {methods}", f"model       {model}", *describe(found)]
 
 
 def describe(found: Results) -> list[str]:

@@ -71,7 +71,7 @@ class Child:
     def __init__(
         self,
         name: str,
-        command: Sequence[str | Path],
+        command: Sequence[str],
         environment: Mapping[str, str],
         on_line: Callable[[str], bool] | None = None,
     ) -> None:
@@ -81,7 +81,7 @@ class Child:
         self._on_line = on_line
         try:
             self._process = subprocess.Popen(
-                [str(part) for part in command],
+                list(command),
                 env=dict(environment),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,

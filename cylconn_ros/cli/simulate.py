@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     with Progress(f"simulate {path.stem}") as bar:
         bar.note("preparing (the first run compiles the physics)")
         result = simulate(scene, scenes.steps(scene), bar)
-    print(f"method      {result.connector.method}: {result.connector.model}")
+    print(f"model       {result.connector.model}")
     state = fields(result)
     found = reduce_states(result.time, state)
     print("\n".join(describe(found)))
@@ -97,18 +97,15 @@ def _keep(result: Run, scene: Scene, output: Path) -> None:
     }
     if output.suffix == ".npz":
         arrays: dict[str, Any] = {"time": result.time, "motion": result.states, "out": result.outs}
+        arrays.update(fields(result), **{name: np.array(text) for name, text in metadata.items()})
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
             with output.open("xb") as file:
-                np.savez_compressed(file, **arrays, **fields(result), **_texts(metadata))
+                np.savez_compressed(file, **arrays)
         except OSError as error:
             raise CommandError(f"{output}: {error.strerror or error}") from None
     else:
         _record(result, scene, output, metadata)
-
-
-def _texts(metadata: Mapping[str, str]) -> dict[str, np.ndarray]:
-    return {name: np.array(text) for name, text in metadata.items()}
 
 
 def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]) -> None:

@@ -22,7 +22,7 @@ BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 INK, SOFT, STICK_SHADE = "#222222", "#767676", "#EDEDED"
 STICK = 1  # ConnectorState.STICK
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 10.0,
     "axes.edgecolor": SOFT,
     "axes.labelcolor": INK,
@@ -79,11 +79,13 @@ def draw_run(
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.0, 10.0), layout="constrained")
+        figure = Figure(
+            figsize=(9.0, 10.0), layout=ConstrainedLayoutEngine(h_pad=0.035, hspace=0.02)
+        )
         axes = figure.subplots(6, 1, sharex=True, height_ratios=[1.25, 1.0, 1.15, 1.25, 1.25, 1.0])
-        figure.get_layout_engine().set(h_pad=0.035, hspace=0.02)  # type: ignore[union-attr]
         position, angle, speed, normal, friction, violation = axes
         _motion(position, angle, time, state, reference)
         _speeds(speed, time, state)
