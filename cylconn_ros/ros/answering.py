@@ -1,0 +1,240 @@
+"""Bytes in, bytes out: what the connector node does with messages, without ROS.
+
+The node subscribes to :attr:`Answering.inputs` and publishes the answers; a replay feeds the same
+class from a recording and gets the same bytes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.matching import Matched, SampleMatcher
+from cylconn_ros.connector.parameters import show
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout
+from cylconn_ros.ros import cdr
+from cylconn_ros.ros.cdr_writers import JointStateWriter, StampedWriter, StateWriter
+
+POSE = "geometry_msgs/msg/PoseStamped"
+TWIST = "geometry_msgs/msg/TwistStamped"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+STATE = "cylconn_ros/msg/ConnectorState"
+
+JOINTS = ("slide", "spin")
+BODIES = ("body_a", "body_b")
+
+
+class Answer(NamedTuple):
+    """The messages that answer a sample; without state where nothing could be computed."""
+
+    stamp: int  # ns
+    wrench_a: bytes
+    wrench_b: bytes
+    state: bytes | None
+    joint_state: bytes | None
+
+
+class Input(NamedTuple):
+    """A topic that is read: its type, and what takes its messages."""
+
+    type: str
+    receive: Callable[[bytes], Answer | None]
+
+
+@dataclasses.dataclass
+class Health:
+    """What went wrong while answering; totals since the start, ``worst_…`` since the last look."""
+
+    undecodable: int = 0
+    undecodable_text: str = ""
+    not_finite: int = 0
+    bad_quaternion: int = 0
+    no_period: int = 0
+    failed: int = 0
+    failure: str = ""
+    worst_residual: float = 0.0
+    worst_offset: float = 0.0  # m
+    worst_angle: float = 0.0  # rad
+    worst_time: float = 0.0  # s
+    flags: int = 0  # bits of ConnectorState.flags, since the last look
+    regime: int = layout.FRICTIONLESS
+
+    def look(self) -> None:
+        """Begin a new stretch of ``worst_…`` and flags."""
+        self.worst_residual = self.worst_offset = self.worst_angle = self.worst_time = 0.0
+        self.flags = 0
+
+
+def input_names(scene: Scene) -> list[str]:
+    """Relative topics read for a scene: motion and load of every moving body."""
+    motion = ("odom",) if scene.input == "odometry" else ("pose", "twist")
+    return [
+        f"{name}/{topic}"
+        for name, body in zip(BODIES, scene.bodies, strict=True)
+        if body.kind != "fixed"
+        for topic in (*motion, "load")
+    ]
+
+
+# Parameters that what is remembered depends on; a change of these begins a new history.
+_HISTORY = ("input", "period", "method", "latency", "body_", "node_", "reference.")
+
+
+class Answering:
+    """Answer samples that arrive as messages; nothing that arrives makes it raise.
+
+    Raises SceneError at construction where the connector cannot serve the scene.
+    """
+
+    def __init__(self, scene: Scene, previous: Answering | None = None) -> None:
+        """Serve ``scene``; ``previous`` hands over its counts and is not to be used again.
+
+        It also hands over its history where the change of scene allows it (:attr:`continues`).
+        """
+        self.scene = scene
+        self.connector = Connector(scene)
+        self.connector.step(np.zeros(layout.NSAMPLE))  # compiled now, not while a sample waits
+        self.connector.reset()
+        self.matcher = SampleMatcher(scene)
+        self.health = Health()
+        if previous is not None:
+            self.matcher.take_over(previous.matcher)
+            self.health = previous.health
+        self.inputs = self._make_inputs()
+        self._out = np.zeros(layout.NOUT)
+        world_axes = scene.wrench.axes == "world"
+        frames = [scene.world_frame if world_axes else body.frame for body in scene.bodies]
+        self._wrenches = [StampedWriter(frame) for frame in frames]
+        self._state = StateWriter(scene.body_a.frame, self.connector.method)
+        self._joints = JointStateWriter(scene.body_a.frame, JOINTS)
+        self._answer: Answer | None = None
+        self.continues = previous is not None and _same_history(previous.scene, scene)
+        if previous is not None and self.continues:
+            self.connector.memory = previous.connector.memory
+
+    def reset(self) -> None:
+        """Forget the reference configuration and all history; the next sample begins a new one."""
+        self.connector.reset()
+        self.matcher.forget()
+        self._answer = None
+
+    @property
+    def out(self) -> np.ndarray:
+        """(NOUT,) the numbers of the last answer (core/layout.py)."""
+        return self._out
+
+    def zero(self) -> Answer | None:
+        """Zero wrenches for when samples have stopped, or None where none was ever answered.
+
+        Their stamp is one nanosecond after the last sample's: the newest for whoever applies the
+        newest wrench, and never the stamp a plant in lock step is waiting for.
+        """
+        if self._answer is None:
+            return None
+        return self._only_wrenches(self._answer.stamp + 1)
+
+    def _make_inputs(self) -> dict[str, Input]:
+        kinds: dict[str, tuple[str, Callable[[int, bytes], Matched | None]]] = {
+            "pose": (POSE, self._pose),
+            "twist": (TWIST, self._twist),
+            "odom": (ODOMETRY, self._odometry),
+            "load": (WRENCH, self._load),
+        }
+        inputs: dict[str, Input] = {}
+        for name in input_names(self.scene):
+            body, topic = name.split("/")
+            kind, take = kinds[topic]
+            mine = functools.partial(take, BODIES.index(body))
+            inputs[name] = Input(kind, functools.partial(self._receive, mine))
+        return inputs
+
+    def _pose(self, body: int, data: bytes) -> Matched | None:
+        return self.matcher.pose(body, *cdr.read_pose(data))
+
+    def _twist(self, body: int, data: bytes) -> Matched | None:
+        return self.matcher.twist(body, *cdr.read_twist(data))
+
+    def _odometry(self, body: int, data: bytes) -> Matched | None:
+        stamp, frame, child, pose, twist = cdr.read_odometry(data)
+        return self.matcher.odometry(body, stamp, (frame, child), pose, twist)
+
+    def _load(self, body: int, data: bytes) -> None:
+        _, frame, load = cdr.read_wrench(data)
+        self.matcher.load(body, frame, load)
+
+    def _receive(self, take: Callable[[bytes], Matched | None], data: bytes) -> Answer | None:
+        """Take one message; the answer where it completes a sample."""
+        begin = time.perf_counter()
+        matched = None
+        try:
+            matched = take(data)
+            return None if matched is None else self._serve(matched, begin)
+        except cdr.CdrError as error:
+            self.health.undecodable += 1
+            self.health.undecodable_text = str(error)
+        except Exception as error:  # the loop goes on: counted, reported, and no force
+            self.health.failed += 1
+            self.health.failure = f"{type(error).__name__}: {error}"
+        return None if matched is None else self._only_wrenches(matched.stamp)
+
+    def _serve(self, matched: Matched, begin: float) -> Answer:
+        if matched.repeated and self._answer is not None:
+            return self._answer
+        if matched.restarted:
+            self.connector.reset()
+        out = self.connector.step(self.matcher.sample, matched.h, self._out)
+        out[layout.COMPUTING_TIME] = time.perf_counter() - begin
+        self._answer = self._write(matched.stamp, out)
+        self._examine(out)
+        return self._answer
+
+    def _write(self, stamp: int, out: np.ndarray) -> Answer:
+        numbers = out.tolist()
+        return Answer(
+            stamp,
+            self._wrenches[0].write(stamp, out[layout.FORCE_A : layout.FORCE_A + 6]),
+            self._wrenches[1].write(stamp, out[layout.FORCE_B : layout.FORCE_B + 6]),
+            self._state.write(stamp, out),
+            self._joints.write(
+                stamp,
+                (numbers[layout.LENGTH], numbers[layout.ANGLE]),
+                (numbers[layout.VELOCITY], numbers[layout.ANGULAR_VELOCITY]),
+                (numbers[layout.FORCE], numbers[layout.MOMENT]),
+            ),
+        )
+
+    def _only_wrenches(self, stamp: int) -> Answer:
+        nothing = np.zeros(6)
+        wrenches = [writer.write(stamp, nothing) for writer in self._wrenches]
+        return Answer(stamp, wrenches[0], wrenches[1], None, None)
+
+    def _examine(self, out: np.ndarray) -> None:
+        """Keep what diagnostics will say about an answer."""
+        health = self.health
+        status = out[layout.STATUS]
+        if status != layout.OK:
+            health.not_finite += int(status == layout.NOT_FINITE)
+            health.bad_quaternion += int(status == layout.BAD_QUATERNION)
+            health.no_period += int(status == layout.NO_PERIOD)
+            return
+        numbers = out.tolist()
+        health.worst_residual = max(health.worst_residual, numbers[layout.RESIDUAL])
+        health.worst_offset = max(health.worst_offset, numbers[layout.OFFSET_VIOLATION])
+        health.worst_angle = max(health.worst_angle, numbers[layout.ANGULAR_VIOLATION])
+        health.worst_time = max(health.worst_time, numbers[layout.COMPUTING_TIME])
+        health.flags |= int(numbers[layout.FLAGS])
+        health.regime = int(numbers[layout.REGIME])
+
+
+def _same_history(before: Scene, after: Scene) -> bool:
+    old, new = before.parameters(), after.parameters()
+    return all(show(old[name]) == show(new[name]) for name in old if name.startswith(_HISTORY))

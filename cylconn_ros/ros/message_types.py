@@ -1,0 +1,12 @@
+"""Message classes by the names of their types."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+
+def message_class(name: str) -> Any:
+    """Import the class of a type such as ``geometry_msgs/msg/PoseStamped``."""
+    package, room, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{room}"), kind)

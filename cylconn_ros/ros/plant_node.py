@@ -1,0 +1,206 @@
+"""Two rigid bodies as a node: the stand-in for a simulator; see ``plant --help``."""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+from cylconn_ros.connector.plant import Plant
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.scene_file import scene_part
+from cylconn_ros.ros import process, qos
+from cylconn_ros.ros.answering import BODIES, WRENCH
+from cylconn_ros.ros.arguments import Arguments
+from cylconn_ros.ros.message_types import message_class
+from cylconn_ros.ros.parameters import declare, ros_part
+from cylconn_ros.ros.plant_exchange import Exchange, PlantCounts
+
+USAGE = """\
+usage: plant [--ros-args --params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
+
+Two rigid bodies standing in for a simulator: publishes their poses and twists, and moves them as
+the wrenches say. Takes the same parameter file as connector; its own parameters begin with plant.
+Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
+Free running: plant.rate samples a second, each step with the newest wrenches.
+Exit codes: 0 plant.duration reached or stopped, 1 no connector or no answer, 2 arguments or
+parameters that cannot be used."""
+
+DISCOVERY = 60.0  # s of wall clock for a connector to appear
+_SETTLING = 0.25  # s between seeing the connector and the first sample: it must see us, too
+_RESEND = 0.25  # s without an answer after which a sample is sent again
+_LOOK = 0.05  # s between looks at the clock, and between lines of progress
+_REMIND = 5.0  # s between lines about waiting for a connector
+
+
+class PlantNode(Node):
+    """Move two bodies in step with a connector, or freely.
+
+    Raises SceneError at construction for parameters that cannot be used.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], **node_arguments: Any) -> None:
+        """Take dotted parameters; ``node_arguments`` go to the ROS node (namespace, context …)."""
+        self.scene = Scene.from_parameters(scene_part(parameters))
+        Plant(self.scene).step(np.zeros(6), np.zeros(6))  # compiled before anybody waits
+        self.plant = Plant(self.scene)
+        super().__init__("plant", parameter_overrides=ros_part(parameters), **node_arguments)
+        declare(self, self.scene)
+        self.done = Future()
+        self.counts = PlantCounts()
+        self._settings = self.scene.plant
+        duration = self._settings.duration / self.scene.period
+        self._total = max(1, round(duration)) if math.isfinite(duration) else None
+        self._steps = 0
+        self._exchange = Exchange(self.scene, self.counts)
+        self._out = {
+            name: self.create_publisher(
+                message_class(kind), name, qos.samples(), qos_overriding_options=qos.overriding()
+            )
+            for name, kind in self._exchange.outputs.items()
+        }
+        for body in self._exchange.moving:
+            self.create_subscription(
+                message_class(WRENCH),
+                f"{BODIES[body]}/wrench",
+                functools.partial(self._receive, body),
+                qos.samples(),
+                raw=True,
+                qos_overriding_options=qos.overriding(),
+            )
+        self._running = False
+        self._seen = math.inf  # when the connector was first seen on all topics
+        self._begin = self._sent = self._sent_again = time.monotonic()
+        self._reminded = self._begin
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK, self._look, clock=self._steady)
+
+    # --- samples ---------------------------------------------------------------------------------
+
+    def _receive(self, body: int, data: bytes) -> None:
+        self._exchange.take(body, data, self.plant.time_ns)
+        if self._settings.lock_step and self._running and self._exchange.complete:
+            self._advance()
+
+    def _advance(self) -> None:
+        """Take one step with the wrenches at hand and send the next sample."""
+        self.plant.step(*self._exchange.wrenches)
+        self._steps += 1
+        if self._steps == self._total:
+            self._end(process.OK)
+        else:
+            self._exchange.expect()
+            self._sent = self._sent_again = time.monotonic()
+            self._send()
+
+    def _send(self) -> None:
+        for name, data in self._exchange.messages(self.plant.time_ns, self.plant.state):
+            self._out[name].publish(data)
+
+    def _tick(self) -> None:
+        """Take the steps of a free run that are due by the wall clock."""
+        rate = self._settings.rate or 1.0 / self.scene.period
+        due = int((time.monotonic() - self._begin) * rate)
+        while self._running and self._steps < due:
+            self.counts.unanswered += not self._exchange.complete
+            self._advance()
+
+    # --- time ------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Begin once a connector is there; then see that answers come."""
+        if self.done.done():
+            return
+        now = time.monotonic()
+        if not self._running:
+            self._wait(now)
+        elif self._settings.lock_step:
+            if now - self._sent > self._settings.timeout:
+                self._give_up(
+                    f"no answer to the sample at {self.plant.time_ns * 1e-9:.9g} s on "
+                    f"{self._names(self._exchange.silent)} within {self._settings.timeout:g} s "
+                    "(plant.timeout)"
+                )
+            elif now - self._sent_again > _RESEND:
+                self._sent_again = now
+                self.counts.sent_again += 1
+                self._send()
+        self._say_progress()
+
+    def _wait(self, now: float) -> None:
+        missing = [
+            n for n, publisher in self._out.items() if not publisher.get_subscription_count()
+        ]
+        wrenches = [f"{BODIES[body]}/wrench" for body in self._exchange.moving]
+        missing += [n for n in wrenches if not self.count_publishers(self.resolve_topic_name(n))]
+        if missing:
+            self._seen = math.inf
+        elif self._seen == math.inf:
+            self._seen = now
+        elif now - self._seen > _SETTLING:
+            self._running = True
+            self._begin = self._sent = self._sent_again = now
+            self._send()
+            if not self._settings.lock_step:
+                rate = self._settings.rate or 1.0 / self.scene.period
+                self.create_timer(1.0 / rate, self._tick, clock=self._steady)
+        if missing and now - self._begin > DISCOVERY:
+            self._give_up(f"no connector on {self._names(missing)} within {DISCOVERY:g} s")
+        elif missing and now - self._reminded > _REMIND:
+            self._reminded = now
+            self._say(f"waiting for a connector on {self._names(missing)}")
+
+    def _give_up(self, why: str) -> None:
+        self._say(f"{why}; is the connector running and active, in the same ROS_DOMAIN_ID?")
+        self._end(process.FAILED)
+
+    def _end(self, code: int) -> None:
+        self._running = False
+        if not self.done.done():
+            self.done.set_result(code)
+
+    def finish(self) -> None:
+        """Sum up and release everything."""
+        self._say_progress()
+        wall = time.monotonic() - self._begin if self._steps else 0.0
+        counts = self.counts
+        lost = "" if self._settings.lock_step else f", {counts.unanswered} steps unanswered"
+        print(
+            f"{self.get_name()}: {self._steps} steps, {self.plant.time_ns * 1e-9:.9g} s simulated "
+            f"in {wall:.3f} s ({1e6 * wall / max(1, self._steps):.0f} us a step){lost}; samples "
+            f"sent again {counts.sent_again}; wrenches repeated {counts.repeated}, "
+            f"ignored {counts.ignored}, undecodable {counts.undecodable}",
+            flush=True,
+        )
+        self.destroy_node()
+
+    def _say_progress(self) -> None:
+        if self._settings.progress and self._total is not None:
+            print(f"progress {self._steps} {self._total}", flush=True)
+
+    def _say(self, text: str) -> None:
+        print(f"{self.get_name()}: {text}", file=sys.stderr, flush=True)
+
+    def _names(self, names: list[str]) -> str:
+        return ", ".join(self.resolve_topic_name(name) for name in names)
+
+
+def _make(arguments: Arguments) -> PlantNode:
+    return PlantNode(arguments.parameters)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the executable ``plant``; return its exit code."""
+    return process.run("plant", _make, USAGE, argv)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

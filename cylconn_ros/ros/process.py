@@ -1,0 +1,97 @@
+"""A process with one node: arguments, signals, spinning, exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import rclpy
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from cylconn_ros.connector.parameters import SceneError
+from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
+
+OK, FAILED, WRONG_USE = 0, 1, 2
+
+
+class Served(Protocol):
+    """What a node must have besides being one."""
+
+    done: Future  # its result is the exit code; a signal completes it with 0
+
+    def finish(self) -> None:
+        """Send what is to be sent last and release everything; the context is still valid."""
+
+
+def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str] | None) -> int:
+    """Run the node that ``make`` gives until it is done or a signal comes; return the exit code.
+
+    Exit code 2, with one plain line, where arguments or parameters cannot be used.
+    """
+    try:
+        arguments = read_arguments(sys.argv[1:] if argv is None else argv, name)
+        if arguments.help:
+            print(usage)
+            return OK
+        with _context(arguments):
+            return _serve(make(arguments))
+    except (SceneError, UsageError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return WRONG_USE
+    except NameValidationException as error:
+        print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
+        return WRONG_USE
+
+
+@contextlib.contextmanager
+def _context(arguments: Arguments) -> Iterator[None]:
+    """A ROS context that outlives the first signal, so that last messages can be sent."""
+    try:
+        rclpy.init(args=arguments.ros, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # what rclpy makes of arguments that rcl refuses
+        raise UsageError(" ".join(str(error).split())) from None
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()
+
+
+def _serve(node: Node) -> int:
+    executor = EventsExecutor()
+    executor.add_node(node)
+    done = node.done
+
+    def stop(_signal: int, _frame: object) -> None:
+        if not done.done():
+            done.set_result(OK)
+
+    previous = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    gc.collect()
+    gc.freeze()  # what exists by now stays: no use in looking through it again and again
+    try:
+        while not done.done():
+            executor.spin_until_future_complete(done, timeout_sec=1e5)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except Exception:
+        traceback.print_exc()
+        done.set_result(FAILED)
+    finally:
+        for s in previous:  # Ctrl-C may come twice: to the group, and from the launcher
+            signal.signal(s, signal.SIG_IGN)
+        executor.remove_node(node)
+        node.finish()
+        executor.shutdown()
+        for s, handler in previous.items():
+            signal.signal(s, handler)
+    return done.result() if done.done() else OK

@@ -1,0 +1,170 @@
+"""The topics of the connector node: what it subscribes to and publishes, as bytes."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode
+from visualization_msgs.msg import MarkerArray
+
+from cylconn_ros.connector.parameters import SceneError, show
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.ros import answering as messages
+from cylconn_ros.ros import qos
+from cylconn_ros.ros.answering import Answer, Answering
+from cylconn_ros.ros.diagnostics import Links
+from cylconn_ros.ros.markers import RATE, Markers
+from cylconn_ros.ros.message_types import message_class
+
+# Name, type, in the order of Answer's fields after the stamp.
+OUTPUTS = (
+    ("body_a/wrench", messages.WRENCH),
+    ("body_b/wrench", messages.WRENCH),
+    ("~/state", messages.STATE),
+    ("~/joint_state", messages.JOINT_STATE),
+)
+Receive = Callable[[str, str, bytes], None]
+
+
+class Topics:
+    """Publishers and subscriptions, opened and closed with the node's lifecycle."""
+
+    def __init__(self, node: LifecycleNode, links: Links) -> None:
+        self._node = node
+        self._links = links
+        self._publishers: list[Any] = []
+        self._subscriptions: dict[str, Any] = {}
+        self._names: dict[str, tuple[str, str, qos.QoSProfile]] = {}
+        self._marker_publisher: Any = None
+        self._markers: Markers | None = None
+        self._drawn = 0.0
+
+    def open_outputs(self, scene: Scene) -> None:
+        """Advertise; messages go out only while the node is active."""
+        for name, kind in OUTPUTS:
+            topic = self._node.resolve_topic_name(name)
+            profile = qos.samples()
+            self._publishers.append(
+                self._node.create_lifecycle_publisher(
+                    message_class(kind),
+                    name,
+                    profile,
+                    qos_overriding_options=qos.overriding(),
+                    **qos.writing(functools.partial(self._incompatible, topic)),
+                )
+            )
+            self._names[name] = (topic, kind, profile)
+        if scene.markers:
+            self._markers = Markers(scene)
+            self._marker_publisher = self._node.create_lifecycle_publisher(
+                MarkerArray, "~/markers", 10
+            )
+
+    def close_outputs(self) -> None:
+        """Take the publishers back."""
+        for publisher in (*self._publishers, self._marker_publisher):
+            if publisher is not None:
+                self._node.destroy_lifecycle_publisher(publisher)
+        self._publishers.clear()
+        self._marker_publisher = self._markers = None
+
+    def open_inputs(self, answering: Answering, receive: Receive) -> None:
+        """Subscribe to the inputs; ``receive`` gets the input's name, its topic and the bytes."""
+        for name, wanted in answering.inputs.items():
+            topic = self._node.resolve_topic_name(name)
+            profile = qos.samples()
+            self._subscriptions[name] = self._node.create_subscription(
+                message_class(wanted.type),
+                name,
+                functools.partial(receive, name, topic),
+                profile,
+                raw=True,
+                qos_overriding_options=qos.overriding(),
+                **qos.reading(functools.partial(self._incompatible, topic), self._lost),
+            )
+            self._names[name] = (topic, wanted.type, profile)
+
+    def close_inputs(self) -> None:
+        """Take the subscriptions back."""
+        for subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+
+    def publish(self, answer: Answer) -> None:
+        """Publish an answer, the wrenches first; a failure is counted."""
+        try:
+            for publisher, data in zip(self._publishers, answer[1:], strict=True):
+                if data is not None:
+                    publisher.publish(data)
+        except Exception as error:
+            self._links.unsent += 1
+            self._links.unsent_text = str(error)
+
+    def draw(self, stamp: int, answering: Answering) -> None:
+        """Publish markers, at most RATE times a second."""
+        if self._markers is None or time.monotonic() - self._drawn < 1.0 / RATE:
+            return
+        self._drawn = time.monotonic()
+        try:
+            picture = self._markers.draw(stamp, answering.matcher.sample, answering.out)
+            self._marker_publisher.publish(picture)
+        except Exception as error:
+            self._links.unsent += 1
+            self._links.unsent_text = f"markers: {error}"
+
+    def outgoing(self, answer: Answer) -> Iterator[tuple[str, bytes]]:
+        """Topic and bytes of every message of an answer."""
+        for (name, _), data in zip(OUTPUTS, answer[1:], strict=True):
+            if data is not None:
+                yield self._names[name][0], data
+
+    def recorded(self, answering: Answering) -> list[TopicInfo]:
+        """Every topic a recording holds, as resolved and with the QoS in force."""
+        kinds = {name: wanted.type for name, wanted in answering.inputs.items()} | dict(OUTPUTS)
+        found = []
+        for name, kind in kinds.items():
+            topic = self._node.resolve_topic_name(name)
+            profile = self._names[name][2] if name in self._names else qos.samples()
+            found.append(
+                TopicInfo(
+                    name=topic,
+                    type=kind,
+                    reliability=profile.reliability.name.lower(),
+                    history=profile.history.name.lower(),
+                    depth=profile.depth,
+                )
+            )
+        return found
+
+    def wait_until_taken(self, timeout: Duration) -> None:
+        """Wait until subscribers have acknowledged the wrenches, at most ``timeout``."""
+        for publisher in self._publishers[:2]:
+            publisher.wait_for_all_acked(timeout)
+
+    def _incompatible(self, topic: str, policy: str) -> None:
+        self._links.incompatible[topic] = policy
+        self._node.get_logger().warning(f"{topic}: a peer's QoS is incompatible ({policy})")
+
+    def _lost(self, count: int) -> None:
+        self._links.lost += count
+
+
+def check_qos_overrides(node: LifecycleNode, parameters: Mapping[str, Any], scene: Scene) -> None:
+    """Raise SceneError for a qos_overrides parameter that no topic of the node will look at."""
+    names = [(name, "publisher") for name, _ in OUTPUTS]
+    names += [(name, "subscription") for name in messages.input_names(scene)]
+    known = [
+        f"qos_overrides.{node.resolve_topic_name(name)}.{kind}.{policy}"
+        for name, kind in names
+        for policy in ("history", "depth", "reliability")
+    ]
+    for name, value in parameters.items():
+        if name.startswith("qos_overrides.") and name not in known:
+            raise SceneError(
+                f"{name} = {show(value)}: no such parameter; known: {', '.join(known)}"
+            )
