@@ -1,5 +1,5 @@
-# One ctest per test file, run against the installed package. test_packaging.py is left out: it runs
-# colcon itself (the test command of the README, `make test`, has it).
+# One ctest per test file, run in the build tree so that the installed package is the one tested.
+# test_packaging.py is left out: it runs colcon itself (`make test` has it).
 find_package(ament_cmake_pytest REQUIRED)
 
 file(GLOB test_files CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR}/test
@@ -9,7 +9,6 @@ list(REMOVE_ITEM test_files test_packaging.py)
 foreach(file IN LISTS test_files)
   get_filename_component(name ${file} NAME_WE)
   ament_add_pytest_test(${name} test/${file}
-    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}
     APPEND_ENV PYTHONPATH=${CMAKE_INSTALL_PREFIX}/${PYTHON_INSTALL_DIR}
                AMENT_PREFIX_PATH=${CMAKE_INSTALL_PREFIX}
     APPEND_LIBRARY_DIRS ${CMAKE_INSTALL_PREFIX}/lib

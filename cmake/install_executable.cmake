@@ -6,6 +6,8 @@ function(install_executable name module)
     set(template executable.in)
   endif()
   set(script ${CMAKE_CURRENT_BINARY_DIR}/executables/${name})
-  configure_file(${CMAKE_CURRENT_SOURCE_DIR}/cmake/${template} ${script} @ONLY)
+  configure_file(${CMAKE_CURRENT_SOURCE_DIR}/cmake/${template} ${script} @ONLY
+    FILE_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE
+  ) # executable already here: --symlink-install links to it
   install(PROGRAMS ${script} DESTINATION lib/${PROJECT_NAME})
 endfunction()
