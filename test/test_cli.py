@@ -221,10 +221,10 @@ def test_the_picture_of_a_run(tmp_path: Path) -> None:
     reference = ReferenceCurves(
         time, table["displacement"], table["rotation"], table["normal_force"]
     )
-    figure = draw_run(time, table, "A title", "a subtitle", reference)
+    figure = draw_run(time, table, "A title", "a subtitle", reference, STOP)
     texts = [text.get_text() for axes in figure.axes for text in (axes.title, *axes.texts)]
     texts.append(figure.axes[0].get_title(loc="left"))
-    assert {"A title", "a subtitle", "slip", "stick"} <= set(texts)
+    assert {"A title", "a subtitle", "slip", "stick: at rest from 0.600 s"} <= set(texts)
     assert len(figure.axes) == 6
     for name in ("run.png", "run.svg"):
         save_run(figure, tmp_path / name)

@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _topics(recorded: Run) -> list[str]:
     width = max((len(topic) for topic in recorded.types), default=0)
-    lines = [f"{sum(recorded.counts.values())} messages in {recorded.duration:.1f} s of wall clock"]
+    lines = [f"{sum(recorded.counts.values())} messages over {recorded.duration:.1f} s"]
     for topic, kind in sorted(recorded.types.items()):
         lines.append(f"  {topic:<{width}}  {recorded.counts[topic]:>8}  {kind}")
     return lines

@@ -45,7 +45,7 @@ class Progress:
             self._open_line = True
         elif int(share * 10.0) > self._tenths:
             self._tenths = int(share * 10.0)
-            self._write(f"{self._label}: {share:.0%}\n")
+            self._write(f"{self._label}: {10 * self._tenths}%\n")
 
     def close(self) -> None:
         """End the line of the bar."""

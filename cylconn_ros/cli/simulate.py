@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         inspect = "numpy.load" if options.output.suffix == ".npz" else "cylconn info"
         print(f"kept        {options.output}  (next: {inspect} {options.output})")
     if options.plot is not None:
-        _draw(result, state, path.stem, scene, options.plot)
+        _draw(result, state, path.stem, found.stop_time, options.plot)
         print(f"picture     {options.plot}")
     if options.output is None and options.plot is None:
         print("next: keep the run with -o NAME, draw it with --plot FILE.png")
@@ -151,16 +151,18 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
 
 
 def _draw(
-    result: Run, state: Mapping[str, np.ndarray], name: str, scene: Scene, path: Path
+    result: Run, state: Mapping[str, np.ndarray], name: str, stop_time: float, path: Path
 ) -> None:
     try:
         from cylconn_ros.plots.run_picture import draw_run, save_run
 
+        period = result.connector.scene.period
         figure = draw_run(
             result.time,
             state,
             f"Scene {name}",
-            f"method {result.connector.method}, period {scene.period * 1e3:g} ms, in one process",
+            f"method {result.connector.method}, period {period * 1e3:g} ms, in one process",
+            stop_time=stop_time,
         )
         save_run(figure, path)
     except ImportError as error:

@@ -57,6 +57,7 @@ def draw_run(
     title: str,
     subtitle: str = "",
     reference: ReferenceCurves | None = None,
+    stop_time: float = float("nan"),
 ) -> Figure:
     """Draw a run over time.
 
@@ -70,6 +71,8 @@ def draw_run(
         What was run; how it was solved.
     reference
         An independent solution, drawn dashed.
+    stop_time
+        When it came to rest for good, s; NaN if it did not.
 
     Raises
     ------
@@ -92,7 +95,7 @@ def draw_run(
         _normal_force(normal, time, state, reference)
         _friction(friction, time, state)
         _violation(violation, time, state)
-        _regimes(list(axes), time, np.asarray(state["regime"]))
+        _regimes(list(axes), time, np.asarray(state["regime"]), stop_time)
         violation.set_xlabel("time  [s]")
         violation.set_xlim(float(time[0]), float(time[-1]))
         figure.align_ylabels(list(axes))
@@ -179,7 +182,7 @@ def _violation(axes: Axes, time: Array, state: Mapping[str, Array]) -> None:
     axes.legend(loc="upper right", frameon=False, ncols=2)
 
 
-def _regimes(axes: list[Axes], time: Array, regime: Array) -> None:
+def _regimes(axes: list[Axes], time: Array, regime: Array, stop_time: float) -> None:
     """Shade where it sticks through all panels, and name the longest stretches above them."""
     names = {0: "frictionless", STICK: "stick", 2: "slip"}
     changes = np.flatnonzero(np.diff(regime)) + 1
@@ -191,7 +194,15 @@ def _regimes(axes: list[Axes], time: Array, regime: Array) -> None:
             for panel in axes:
                 panel.axvspan(left, right, color=STICK_SHADE, lw=0.0, zorder=0)
         if right - left > 0.08 * span:
-            _note(axes[0], names.get(int(regime[start]), "?"), x=0.5 * (left + right), up=3)
+            name = names.get(int(regime[start]), "?")
+            if (
+                end == len(regime)
+                and regime[start] == STICK
+                and start > 0
+                and np.isfinite(stop_time)
+            ):
+                name = f"stick: at rest from {stop_time:.3f} s"
+            _note(axes[0], name, x=0.5 * (left + right), up=3)
 
 
 def _note(

@@ -103,7 +103,7 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """Seconds of wall clock from the first to the last message."""
+        """Seconds from the first to the last message, by their log times."""
         ends = [(c.log_time[0], c.log_time[-1]) for c in self._channels.values() if c.log_time]
         return (max(e for _, e in ends) - min(s for s, _ in ends)) * 1e-9 if ends else 0.0
 
