@@ -25,6 +25,7 @@ class Plant:
     Attributes
     ----------
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
+        loads: (12,) external loads on A and B as in a sample, held until changed.
         time_ns: simulated time.
 
     Raises :class:`SceneError` where the scene has no period, or a body that only its owner can
@@ -44,6 +45,7 @@ class Plant:
         self._par = pack(scene, plant=True)
         self._period_ns = round(scene.period * 1e9)
         self._steps = 0
+        self.loads = np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
         self.state = np.concatenate(
             [
                 _start(scene.body_a.pose, scene.plant.body_a),
@@ -58,7 +60,7 @@ class Plant:
 
     def step(self, wrench_a: Array, wrench_b: Array) -> None:
         """Advance one period under wrenches as published: (6,) force, torque each."""
-        plant.step(self._par, self.state, wrench_a, wrench_b, self.scene.period)
+        plant.step(self._par, self.state, wrench_a, wrench_b, self.loads, self.scene.period)
         self._steps += 1
 
     def energy(self) -> float:

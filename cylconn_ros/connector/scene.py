@@ -278,7 +278,7 @@ class Record:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlantBody:
-    """How the plant starts a body."""
+    """How the plant starts a body, and what loads it."""
 
     pose: tuple[float, ...] = parameter(
         (), size=7, pose=True, optional=True, unit="m, 1", doc="Initial pose; []: the body's pose."
@@ -288,6 +288,13 @@ class PlantBody:
         size=6,
         unit="m/s, rad/s",
         doc="Initial velocity of the body frame's origin and angular velocity, in world axes.",
+    )
+    load: tuple[float, ...] = parameter(
+        (0.0,) * 6,
+        size=6,
+        unit="N, N.m",
+        doc="Constant external load besides gravity: force and torque about the body frame's "
+        "origin, in world axes; the plant publishes it too.",
     )
 
 

@@ -60,6 +60,7 @@ def simulate(scene: Scene, steps: int, progress: Callable[[int, int], None] | No
         time[k] = plant.time_ns * 1e-9
         energy[k] = plant.energy()
         samples[k, layout.MOTION] = plant.state
+        samples[k, layout.LOADS] = plant.loads
         out = connector.step(samples[k], out=outs[k])
         plant.step(out[layout.FORCE_A : layout.FORCE_B], out[layout.FORCE_B : layout.STATE0])
         if progress is not None and k % 64 == 0:

@@ -18,6 +18,7 @@ A_LOAD: Final = 26  # force (N), torque about the origin (N.m), world axes, besi
 B_LOAD: Final = 32
 NSAMPLE: Final = 38
 MOTION: Final = slice(0, 26)  # the part of a sample that is the plant's state
+LOADS: Final = slice(26, 38)
 
 # --- OUT: the two wrenches as published, the state block, the whole numbers
 # ---------------------------

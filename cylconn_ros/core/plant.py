@@ -22,10 +22,17 @@ from cylconn_ros.core.vectors import (
 
 
 @jit
-def step(par: Array, state: Array, wrench_a: Array, wrench_b: Array, h: float) -> None:
-    """Advance ``state`` (26,), in place, by h under wrenches (6,) as published."""
-    _advance(par, model.body(par, model.BODY_A), state, layout.A_POSE, wrench_a, h)
-    _advance(par, model.body(par, model.BODY_B), state, layout.B_POSE, wrench_b, h)
+def step(
+    par: Array, state: Array, wrench_a: Array, wrench_b: Array, loads: Array, h: float
+) -> None:
+    """Advance ``state`` (26,), in place, by h.
+
+    ``wrench_a``, ``wrench_b`` (6,) as published; ``loads`` (12,) on A and B as in a sample: force and
+    torque about the body frame's origin, world axes. All of them are held over the period.
+    """
+    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    _advance(par, body_a, state, layout.A_POSE, wrench_a, loads, 0, h)
+    _advance(par, body_b, state, layout.B_POSE, wrench_b, loads, 6, h)
 
 
 @jit
@@ -40,7 +47,9 @@ def _motion(body: Body, state: Array, at: int) -> Motion:
 
 
 @jit
-def _advance(par: Array, body: Body, state: Array, at: int, wrench: Array, h: float) -> None:
+def _advance(
+    par: Array, body: Body, state: Array, at: int, wrench: Array, loads: Array, load: int, h: float
+) -> None:
     o = model.output(par)
     m = _motion(body, state, at)
     force, torque = model.vector(wrench, 0), model.vector(wrench, 3)
@@ -49,6 +58,9 @@ def _advance(par: Array, body: Body, state: Array, at: int, wrench: Array, h: fl
         force, torque = out_of(axes, force), out_of(axes, torque)
     if not o.at_com:
         torque = sub(torque, cross(out_of(axes, body.com), force))
+    force = add(force, model.vector(loads, load))
+    torque = add(torque, model.vector(loads, load + 3))
+    torque = sub(torque, cross(out_of(axes, body.com), model.vector(loads, load)))
     weight = scale(body.mass if body.free else 0.0, model.vector(par, model.GRAVITY))
     if o.semi_implicit:
         m = _semi_implicit_step(body, m, add(force, weight), torque, h)
