@@ -444,6 +444,11 @@ class Scene:
             values.setdefault(name, rules.default)
         return cls(**{f.name: _take(cls, f.name, "", values) for f in dataclasses.fields(cls)})
 
+    @staticmethod
+    def schema() -> dict[str, Parameter]:
+        """Every parameter of a scene by dotted name."""
+        return schema()
+
     def parameters(self) -> dict[str, Value]:
         """Every parameter by dotted name, defaults included; :meth:`from_parameters` undoes it."""
         found = ((name, _get(self, name)) for name in schema())
