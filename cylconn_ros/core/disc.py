@@ -30,6 +30,8 @@ from cylconn_ros.core.linear import Four, eigen2
 
 Two = tuple[float, float]
 
+MOST_STRETCHES = 500
+
 
 class Disc(NamedTuple):
     """The equations left for phi (above); S by its eigenvalues and eigenvector (cos, sin)."""
@@ -160,24 +162,62 @@ def _bracketed(law: Law, par: Array, d: Disc, c: _Curve, low: float, high: float
 
 
 @jit
+def _bound(part: float, other: float, step: float) -> float:
+    """A lower bound at the far end of ``step`` of c/(l + r), linear in r and exact at the near end.
+
+    ``part`` is its value here, ``other`` there. Where c > 0 it is convex and the tangent bounds it,
+    where c < 0 it is concave and the chord does; ``step`` is the way from here to there over l + r.
+    """
+    return part * (1.0 + step) if part > 0.0 else other
+
+
+@jit
 def _free_of_roots(
     law: Law, par: Array, d: Disc, c: _Curve, growth: float, low: float, high: float
 ) -> bool:
-    """Whether |phi| < limit for certain on the whole of [low, high].
+    """Whether |phi| < limit for certain on the whole of [low, high]; it is so at high.
 
-    Both components of phi(r) are monotone, so on the stretch |phi| <= |phi(low)|, FN differs from
-    FN(high) by at most growth |phi(low) - phi(high)|, and |s~| from its value at high by their
-    difference.
+    |phi| is convex in r, so its chord bounds it from above. Fr + Fbend is convex in phi, so its
+    tangent plane at high bounds it from below, and there the components of phi are convex or
+    concave in r (`_bound`). From above it is bounded by its chord plus growth times the bow of
+    phi(r). All bounds are linear in r: it is enough that they part at both ends. They err by the
+    square of the stretch.
     """
-    p, q = c.a / (c.l1 + low), c.b / (c.l2 + low)
-    u, v = c.a / (c.l1 + high), c.b / (c.l2 + high)
-    size = math.sqrt(p * p + q * q)
-    size_high = math.sqrt(u * u + v * v)
-    chord = math.sqrt((p - u) * (p - u) + (q - v) * (q - v))
-    normal = contact(law, reaction(d, _phi(d, c, high))).normal
-    mu = coefficient(law, par, high * size_high, normal)
-    mu -= law.rate_slope * abs(high * size_high - low * size) + law.force_slope * growth * chord
-    return size < min(law.cap, max(mu, 0.0) * max(normal - growth * chord, 0.0))
+    x, y = -c.a / (c.l1 + high), -c.b / (c.l2 + high)
+    u, v = -c.a / (c.l1 + low), -c.b / (c.l2 + low)
+    size_high, size = math.sqrt(x * x + y * y), math.sqrt(u * u + v * v)
+    if size >= law.cap:
+        return False
+    f = reaction(d, _phi(d, c, high))
+    here = contact(law, f)
+    there = contact(law, reaction(d, _phi(d, c, low)))
+    # gradient of Fr + Fbend at high, in the eigenvectors
+    g1 = g2 = 0.0
+    if here.radial > 0.0:
+        g1 += (f[0] * d.c1[0] + f[1] * d.c1[1]) / here.radial
+        g2 += (f[0] * d.c2[0] + f[1] * d.c2[1]) / here.radial
+    if here.moment > 0.0:
+        g1 += law.bending * (f[2] * d.c1[2] + f[3] * d.c1[3]) / here.moment
+        g2 += law.bending * (f[2] * d.c2[2] + f[3] * d.c2[3]) / here.moment
+    p, q = d.cos * g1 + d.sin * g2, d.cos * g2 - d.sin * g1
+    pressed = here.radial + here.bending + law.preload
+    step = high - low
+    least = pressed - p * x - q * y
+    least += _bound(p * x, p * u, step / (c.l1 + high))
+    least += _bound(q * y, q * v, step / (c.l2 + high))
+    if pressed > 0.0 and least > 0.0:
+        normal_high, normal_low = pressed, least
+    else:  # FN = -(Fr + Fbend + FCint), or a stretch on which FN may vanish
+        bow = 0.25 * step * step * (abs(u) / (c.l1 + low) ** 2 + abs(v) / (c.l2 + low) ** 2)
+        normal_high = -pressed - growth * bow
+        normal_low = -(there.radial + there.bending + law.preload) - growth * bow
+        if normal_high <= 0.0 or normal_low <= 0.0:
+            return False
+    mu = coefficient(law, par, high * size_high, here.normal)
+    mu -= law.rate_slope * abs(high * size_high - low * size)
+    if law.force_slope > 0.0:
+        mu -= law.force_slope * growth * math.sqrt((x - u) * (x - u) + (y - v) * (y - v))
+    return mu * normal_high > size_high and mu * normal_low > size
 
 
 @jit
@@ -214,25 +254,39 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool
         certain = size < min(law.cap, max(mu, 0.0) * normal)
     if not certain:
         return math.inf
-    step = 0.5  # share of the remaining r to go down at once
-    for _ in range(2000):
-        if high <= 1e-15 * c.l2:
-            return 0.0 if stick_admissible else high
-        low = high * (1.0 - step) if high > 1e-12 * c.l2 else 0.0
-        if _free_of_roots(law, par, d, c, growth, low, high):
+    step = 0.5  # share of r to go down at once
+    for _ in range(MOST_STRETCHES):
+        low = high * (1.0 - step) if high > 1e-13 * c.l2 else 0.0
+        lim, size = _spare(law, par, d, c, low)
+        if lim >= size and _free_of_roots(law, par, d, c, growth, low, high):
+            if low == 0.0:
+                return 0.0
             high = low
             step = min(2.0 * step, 0.9)
-            if high == 0.0:
-                return 0.0
             continue
-        if step < 1e-7:
-            lim, size = _spare(law, par, d, c, low)
-            if lim < size:
-                return _bracketed(law, par, d, c, low, high)
-            if step < 1e-15:  # touches the curve: a double root
-                return high
+        if step < 1e-6 and lim < size:
+            return _bracketed(law, par, d, c, low, high)
+        if step < 1e-15:  # touches without crossing: a double root
+            return high
         step *= 0.25
-    return high
+    return _searched(law, par, d, c, high)
+
+
+@jit
+def _searched(law: Law, par: Array, d: Disc, c: _Curve, high: float) -> float:
+    """The first change of sign below ``high`` on a geometric grid, where bounds took too long.
+
+    It happens where limit and traction all but touch over a long stretch, with a coefficient that
+    varies.
+    """
+    while high > 1e-13 * c.l2:
+        low = 0.98 * high
+        lim, size = _spare(law, par, d, c, low)
+        if lim < size:
+            return _bracketed(law, par, d, c, low, high)
+        high = low
+    lim, size = _spare(law, par, d, c, 0.0)
+    return 0.0 if lim >= size else _bracketed(law, par, d, c, 0.0, high)
 
 
 @jit

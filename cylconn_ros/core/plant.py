@@ -27,8 +27,8 @@ def step(
 ) -> None:
     """Advance ``state`` (26,), in place, by h.
 
-    ``wrench_a``, ``wrench_b`` (6,) as published; ``loads`` (12,) on A and B as in a sample: force and
-    torque about the body frame's origin, world axes. All of them are held over the period.
+    ``wrench_a``, ``wrench_b`` (6,) as published; ``loads`` (12,) on A and B as in a sample: force
+    and torque about the body frame's origin, world axes. All of them are held over the period.
     """
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     _advance(par, body_a, state, layout.A_POSE, wrench_a, loads, 0, h)
