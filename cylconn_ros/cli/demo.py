@@ -12,6 +12,7 @@ import dataclasses
 import datetime
 import importlib.util
 import signal
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -74,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
         restore()
     recording = _recording(output)
     run_ = read_run(recording)
+    print("solving the scene independently, to compare …", file=sys.stderr, flush=True)
     reference = judgement.reference(scene)
     picture = judgement.draw(run_, scene, reference, output / "demo.png")
     print()

@@ -136,8 +136,8 @@ def _motion(
     angle.plot(time, state["rotation"] / (2.0 * np.pi), color=BLUE, lw=2.4)
     angle.set_ylabel("spin  $u_{r1}$\n[turns]")
     if ref is not None:
-        position.plot(ref.time, ref.displacement, **_dashed("reference"))
-        angle.plot(ref.time, ref.rotation / (2.0 * np.pi), **_dashed("reference"))
+        position.plot(ref.time, ref.displacement, **_dashed("independent solution"))
+        angle.plot(ref.time, ref.rotation / (2.0 * np.pi), **_dashed("independent solution"))
         position.legend(loc="lower right", frameon=False, handlelength=2.5)
 
 
@@ -209,7 +209,7 @@ def _note(
     axes: Axes, text: str, x: float, up: float, coordinates: str = "data", ha: str = "center"
 ) -> None:
     """Write above a panel, ``up`` points from its upper edge."""
-    axes.annotate(
+    note = axes.annotate(
         text,
         xy=(x, 1.0),
         xycoords=(coordinates, "axes fraction"),
@@ -220,6 +220,7 @@ def _note(
         color=SOFT,
         fontsize=10,
     )
+    note.set_in_layout(False)  # a long text must not narrow the panels
 
 
 def _dashed(label: str | None) -> dict[str, Any]:
