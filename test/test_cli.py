@@ -42,7 +42,7 @@ def states() -> dict[str, np.ndarray]:
     found["normal_force"] = 30.0 + np.sin(60.0 * time)
     found["friction_limit"] = 0.2 * found["normal_force"]
     found["traction"] = np.where(moving, found["friction_limit"], 3.0)
-    found["stop_time"] = np.full(SAMPLES, np.nan)
+    found["stop_time"] = np.full(SAMPLES, -1.0)
     found["stop_time"][600] = 0.0004
     found["offset_violation"] = np.full(SAMPLES, 1e-9)
     found["offset_violation"][7] = -3e-7

@@ -81,7 +81,7 @@ def fill(message: Any, start: float) -> None:
 def state(k: int) -> ConnectorState:
     message = ConnectorState(header=header(k, "rail"), regime=k % 3, flags=k, method="impulse")
     fill(message, k + 0.25)
-    message.stop_time = math.nan
+    message.stop_time = -1.0
     return message
 
 

@@ -81,7 +81,7 @@ def _stop_time(time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[An
     """When the last rest began: the interpolated time reported by the step that came to rest."""
     if state["regime"][-1] != _STICK:
         return float("nan")
-    stops = np.flatnonzero(np.isfinite(state["stop_time"]))
+    stops = np.flatnonzero(state["stop_time"] >= 0.0)
     if not len(stops):
         return float(time[0])  # at rest from the start
     return float(time[stops[-1]] + state["stop_time"][stops[-1]])

@@ -201,7 +201,7 @@ def report(
     pressed = contact(law, av.constraint)
     out[out_at.REGIME] = av.regime
     out[out_at.ACCUMULATED_SLIP] = mem[model.SLIPPED]
-    out[out_at.STOP_TIME] = math.nan
+    out[out_at.STOP_TIME] = -1.0
     if not law.on:
         write_contact(out, pressed, 0.0, 0.0, 0.0)
         return

@@ -57,7 +57,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     out[out_at.FORCE_FRICTION], out[out_at.MOMENT_FRICTION] = friction
     out[out_at.REGIME] = regime
     out[out_at.ACCUMULATED_SLIP] = mem[model.SLIPPED]
-    out[out_at.STOP_TIME] = math.nan
+    out[out_at.STOP_TIME] = -1.0
     out[out_at.RESIDUAL] = 0.0
     flags = o.flags
     if mem[model.STUCK] >= STOPPED_AFTER:
