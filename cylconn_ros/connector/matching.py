@@ -55,7 +55,7 @@ class Counts:
 
     samples: int = 0  # complete samples, each stamp once
     answered_again: int = 0  # complete samples that repeat the last stamp
-    repeated: int = 0  # messages already received for the same sample
+    repeated: int = 0  # messages already received for the last sample or one under construction
     late: int = 0  # messages older than the last complete sample
     incomplete: int = 0  # samples given up: a newer one was complete, or too many waited
     restarts: int = 0  # times the stamps went back to a new history
@@ -107,16 +107,18 @@ class SampleMatcher:
             else:
                 self._needed |= 0b11 << 2 * index
         self._loads: list[tuple[Vector, bool] | None] = [None, None]
+        self._pending: dict[int, _Slot] = {}
+        self._old: dict[int, _Slot] = {}
         self.forget()
 
     def forget(self) -> None:
         """Forget stamps and samples under construction; loads and counts stay."""
+        self._give_up_pending()
         self._last: int | None = None
         self._step = 0
         self._again = 0  # bits of the last sample's streams that came again
         self._insisted = 0
-        self._pending: dict[int, _Slot] = {}
-        self._old: dict[int, _Slot] = {}
+        self._old.clear()
 
     def take_over(self, other: SampleMatcher) -> None:
         """Go on with another matcher's counts and loads, but not with its samples."""
@@ -190,7 +192,7 @@ class SampleMatcher:
         else:
             slot = self._slot(self._pending, stamp)
         if slot.seen & bit:
-            self.counts.repeated += 1
+            self.counts.repeated += slot.stamp in self._pending  # old ones count as late already
             return None
         slot.seen |= bit
         slot.newest = max(slot.newest, stamp)
@@ -237,8 +239,12 @@ class SampleMatcher:
             return None
         self.counts.restarts += 1
         self.counts.late -= self._needed.bit_count()
-        self._pending.clear()
+        self._give_up_pending()
         return self._emit(slot, None)._replace(restarted=True)
+
+    def _give_up_pending(self) -> None:
+        self.counts.incomplete += len(self._pending)
+        self._pending.clear()
 
     def _emit(self, slot: _Slot, last: int | None) -> Matched:
         stamp = slot.newest
