@@ -15,11 +15,13 @@ from PIL import Image
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
+import cylconn_ros
 from cylconn_ros.cli import checks, info, main, processes, progress, results, scenes
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.plots.run_picture import ReferenceCurves, draw_run, save_run
 from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.recording.reader import read_run
 from cylconn_ros.recording.writer import RunWriter
 
 STATE = TopicInfo("/connector/state", "cylconn_ros/msg/ConnectorState")
@@ -131,6 +133,18 @@ def test_scenes_come_with_the_package() -> None:
         assert scenes.steps(scene) == round(scene.plant.duration / 0.01)
 
 
+def test_scenes_are_found_in_an_installation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "share" / "cylconn_ros" / "config"
+    config.mkdir(parents=True)
+    (config / "only.yaml").touch()
+    elsewhere = tmp_path / "lib" / "cylconn_ros" / "__init__.py"
+    monkeypatch.setattr(cylconn_ros, "__file__", str(elsewhere))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    assert scenes.bundled() == {"only": config / "only.yaml"}
+
+
 def test_a_scene_without_an_end_needs_a_duration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -177,6 +191,30 @@ def test_a_summary_is_well_only_if_every_line_is(capsys: pytest.CaptureFixture[s
     assert "✓ size    0.5 m" in out
     assert "✗ lost    1" in out
     assert "exactly 0" in out
+
+
+def test_simulate_keeps_arrays_and_recordings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arrays, recording, picture = (tmp_path / name for name in ("run.npz", "run", "run.png"))
+    assert call("simulate", "coast", "-o", str(arrays)) == 0
+    assert call("simulate", "coast", "-o", str(recording), "--plot", str(picture)) == 0
+    out = capsys.readouterr().out
+    assert "at rest     from 0.4061" in out
+    assert "slide 0.20308" in out
+    assert picture.stat().st_size > 10_000
+    run = read_run(recording)
+    assert set(run.counts.values()) == {SAMPLES}
+    with np.load(arrays) as kept:
+        for name, _ in STATE_FIELDS:
+            np.testing.assert_array_equal(run.state[name], kept[name], err_msg=name)
+        pose = run.table("/body_b/pose")
+        np.testing.assert_array_equal(pose["pose.position.x"], kept["motion"][:, 13])
+        np.testing.assert_array_equal(pose.stamp, np.round(kept["time"] * 1e9))
+        assert str(kept["parameters"]) == run.metadata["parameters"]
+    for path in (arrays, recording):
+        assert call("simulate", "coast", "-o", str(path)) == 2
+        assert "never overwritten" in capsys.readouterr().err
 
 
 def test_info_shows_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

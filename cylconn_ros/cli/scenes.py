@@ -15,7 +15,8 @@ from cylconn_ros.recording.interfaces import share_directories
 
 def bundled() -> dict[str, Path]:
     """Scenes that come with the package, by name: of the checkout, else of the installation."""
-    places = [Path(cylconn_ros.__file__).resolve().parents[1] / "config"]
+    checkout = Path(cylconn_ros.__file__).resolve().parents[1]
+    places = [checkout / "config"] if (checkout / "package.xml").is_file() else []
     places += [share / "cylconn_ros" / "config" for share in share_directories()]
     for place in places:
         found = {path.stem: path for path in sorted(place.glob("*.yaml"))}
