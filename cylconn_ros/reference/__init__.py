@@ -5,5 +5,6 @@ The equations are reduced by hand to slide and spin and integrated by SciPy (ext
 
 from cylconn_ros.reference.closed_forms import coast, constant_normal_force
 from cylconn_ros.reference.fixed_shaft import Reference, slide_and_spin
+from cylconn_ros.reference.free_pair import Pair, free_pair
 
-__all__ = ["Reference", "coast", "constant_normal_force", "slide_and_spin"]
+__all__ = ["Pair", "Reference", "coast", "constant_normal_force", "free_pair", "slide_and_spin"]

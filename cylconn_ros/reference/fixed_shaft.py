@@ -103,13 +103,13 @@ class _Sleeve:
         friction = scene.friction
         if friction.table is not None or friction.static_coefficient > friction.coefficient:
             raise ValueError("needs a constant coefficient of friction")
-        shaft = _rotation(a.pose[3:]) @ _rotation(scene.node_a.orientation)
+        shaft = rotation(a.pose[3:]) @ rotation(scene.node_a.orientation)
         pose = np.array(scene.plant.body_b.pose or b.pose)
-        turn = shaft.T @ _rotation(pose[3:])
+        turn = shaft.T @ rotation(pose[3:])
         twist = np.array(scene.plant.body_b.twist)
         self.mass = b.mass
         self.rho = turn @ (np.array(b.com) - np.array(scene.node_b.position))
-        self.inertia = turn @ _tensor(b.inertia) @ turn.T
+        self.inertia = turn @ tensor(b.inertia) @ turn.T
         self.gravity = shaft.T @ np.array(scene.gravity)
         self.mu = friction.coefficient
         self.radius = friction.radius if self.mu > 0.0 else 1.0
@@ -170,12 +170,13 @@ class _Sleeve:
         return *moved(normal), normal
 
 
-def _tensor(inertia: tuple[float, ...]) -> Array:
+def tensor(inertia: tuple[float, ...]) -> Array:
+    """The inertia tensor as a matrix."""
     ixx, ixy, ixz, iyy, iyz, izz = inertia
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
 
 
-def _rotation(quaternion: tuple[float, ...] | Array) -> Array:
+def rotation(quaternion: tuple[float, ...] | Array) -> Array:
     """The matrix of a unit quaternion x, y, z, w, by Rodrigues' formula."""
     axis, w = np.array(quaternion[:3]), quaternion[3]
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
