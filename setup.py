@@ -52,10 +52,10 @@ TEST = [
     "colcon-common-extensions",
     "hypothesis>=6.100",
     "mcap-ros2-support>=0.5",
-    "mypy>=1.10",
+    "mypy==2.4.*",  # what it and ruff find differs between versions
     "pytest>=8",
     "rosbags>=0.10",
-    "ruff>=0.6",
+    "ruff==0.17.*",
     "types-PyYAML",
 ]
 
