@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from cylconn_ros.cli import judgement, main, processes
+from cylconn_ros.cli import judgement, main, processes, scenes
 from cylconn_ros.connector.scene import Scene, load
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
@@ -163,6 +163,19 @@ def test_whatever_is_off_is_judged_so(
     changed[-1] += np.asarray(size).astype(changed.dtype)
     run._tables[state.topic] = dataclasses.replace(state, columns={**state.columns, field: changed})
     assert verdict(*judged, name) is False
+
+
+def test_the_stop_is_judged(tmp_path: Path) -> None:
+    assert main.main(["simulate", "slide_and_spin", f"--output={tmp_path / 'run'}"]) == 0
+    run, scene = read_run(tmp_path / "run"), load(scenes.find("slide_and_spin"))
+    expected = judgement.reference(scene)
+    assert verdict(run, scene, expected, "stop time") is True
+    state = run.state
+    later = np.where(state["stop_time"] >= 0.0, state["stop_time"] + 2e-4, state["stop_time"])
+    run._tables[state.topic] = dataclasses.replace(
+        state, columns={**state.columns, "stop_time": later}
+    )
+    assert verdict(run, scene, expected, "stop time") is False
 
 
 def programs(directory: Path, plant: str, connector: str) -> str:

@@ -146,13 +146,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple, np.ndarray)) or hasattr(value, "typecode"):
         return [plain(item) for item in value]
     if hasattr(value, "get_fields_and_field_types"):
-        names = list(value.get_fields_and_field_types())
-    elif hasattr(value, "__dataclass_fields__"):
-        names = [n for n in value.__dataclass_fields__ if not n.startswith("__")]
-        names = [n for n in names if not n.isupper()]
+        names = value.get_fields_and_field_types()
     else:
-        names = [n for n in value.__slots__ if not n.isupper()]
-    return {name: plain(getattr(value, name)) for name in names}
+        names = getattr(value, "__dataclass_fields__", None) or value.__slots__
+    fields = [name for name in names if not name.isupper() and not name.startswith("__")]
+    return {name: plain(getattr(value, name)) for name in fields}
 
 
 def level(content: Any) -> Any:
@@ -175,8 +173,7 @@ def test_rosbags_reads_every_message(run: Any) -> None:
             time, message, cdr = next(expected[connection.topic])
             assert (stamp, bytes(data)) == (time, cdr)
             assert plain(reader.deserialize(data, connection.msgtype)) == level(plain(message))
-    for rest in expected.values():
-        assert next(rest, None) is None
+    assert all(next(rest, None) is None for rest in expected.values())
 
 
 def test_mcap_ros2_support_reads_every_message(run: Any) -> None:
@@ -187,8 +184,7 @@ def test_mcap_ros2_support_reads_every_message(run: Any) -> None:
         assert read.log_time_ns == time
         assert read.publish_time_ns == time - 7
         assert plain(read.ros_msg) == level(plain(message))
-    for rest in expected.values():
-        assert next(rest, None) is None
+    assert all(next(rest, None) is None for rest in expected.values())
 
 
 def test_bare_file_opens_in_rosbags(run: Any) -> None:
@@ -199,8 +195,8 @@ def test_bare_file_opens_in_rosbags(run: Any) -> None:
 
 def test_metadata_yaml_says_what_rosbag2_wants(run: Any) -> None:
     directory, written = run
-    text = (directory / "metadata.yaml").read_text()
-    info = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    metadata = yaml.safe_load((directory / "metadata.yaml").read_text())
+    info = metadata["rosbag2_bagfile_information"]
     assert info["version"] == 9
     assert info["storage_identifier"] == "mcap"
     assert info["relative_file_paths"] == [f"{directory.name}_0.mcap"]
@@ -250,8 +246,8 @@ def test_columns_of_a_run(run: Any) -> None:
     assert [len(row) for row in joints["velocity"][:5]] == [1, 2, 2, 2, 1]
 
     assert len(read.table("/body_a/load")) == 0
-    assert [cdr for _, _, cdr in read.raw("/body_b/pose")] == [
-        cdr for _, _, cdr in written["/body_b/pose"]
+    assert [item[2] for item in read.raw("/body_b/pose")] == [
+        c for *_, c in written["/body_b/pose"]
     ]
     with pytest.raises(RecordingError, match="list of messages"):
         read.table("/diagnostics")
@@ -281,14 +277,7 @@ def test_big_endian_and_garbage_messages_are_told_apart(tmp_path: Path) -> None:
     big += little[16:28]  # the text and its padding
     for start in range(28, len(little), 8):
         big += little[start : start + 8][::-1]
-    broken = [
-        b"",
-        b"\x00",
-        little[:40],
-        little + b"\x00" * 8,
-        b"\x00\x07" + little[2:],
-        b"\xff" * 90,
-    ]
+    broken = [b"", b"\x00", little[:40], little + bytes(8), b"\x00\x07" + little[2:], b"\xff" * 90]
     with RunWriter(tmp_path / "run", TOPICS[:1], {}) as writer:
         for k, data in enumerate([little, *broken, bytes(big)]):
             writer.write("/body_b/pose", data, k, k)
