@@ -65,7 +65,7 @@ def _free_domain() -> int:
 class Child:
     """A process whose output is read line by line; a context manager that never leaves it behind.
 
-    It has a session of its own, so that Ctrl-C reaches only us and we end it in order.
+    It is out of the terminal's reach: Ctrl-C comes to us only, and we end it in order.
     """
 
     def __init__(
