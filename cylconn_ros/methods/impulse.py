@@ -76,13 +76,15 @@ def _free(
         return Free(Motion(add_scaled(m.com, 0.5 * h, m.velocity), q, m.velocity, m.spin), m, q)
     a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load)
     velocity = add_scaled(m.velocity, h, a)
-    dw = angular_acceleration(body, m.orientation, m.spin, torque)
-    half = turned(m.orientation, scale(0.5 * h, add_scaled(m.spin, 0.25 * h, dw)))
+    half = turned(m.orientation, scale(0.5 * h, m.spin))
     if explicit:
+        dw = angular_acceleration(body, m.orientation, m.spin, torque)
         return Free(m, Motion(m.com, half, velocity, add_scaled(m.spin, h, dw)), half)
     com = add_scaled(add_scaled(m.com, 0.5 * h, m.velocity), h * h / 6.0, a)
-    w_half = add_scaled(m.spin, 0.5 * h, dw)
-    spin = add_scaled(m.spin, h, angular_acceleration(body, half, w_half, torque))
+    # The load's torque is left out of the spin at the half: mostly the connector will balance it.
+    dw = angular_acceleration(body, m.orientation, m.spin, (0.0, 0.0, 0.0))
+    dw = angular_acceleration(body, half, add_scaled(m.spin, 0.5 * h, dw), torque)
+    spin = add_scaled(m.spin, h, dw)
     return Free(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
 
 

@@ -42,7 +42,8 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
     if status != out_at.OK:
         _nothing(out, status)
         return status
-    out[out_at.STOP] = out[out_at.LOCK] = out[out_at.STATUS] = 0.0
+    for k in range(out_at.NOUT):  # what a method leaves out is zero, whatever stood there
+        out[k] = 0.0
     if method == IMPULSE:
         flags = impulse.step(par, mem, sample, h, out)
     else:
