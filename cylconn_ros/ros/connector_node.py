@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -38,6 +37,9 @@ Parameters: docs/parameters.md; an example with all of them: config/connector.ya
 Exit codes: 0 stopped, 2 arguments or parameters that cannot be used."""
 
 
+_LOOK = 0.02  # s between looks at the clock
+
+
 class ConnectorNode(LifecycleNode):
     """Serve one connector.
 
@@ -62,8 +64,8 @@ class ConnectorNode(LifecycleNode):
         self._monitor = Monitor(self.get_fully_qualified_name().strip("/"))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._guarded(self._diagnose), clock=self._steady)
-        self._watch = self.create_timer(0.02, self._guarded(self._look), clock=self._steady)
+        self.create_timer(1.0, self._diagnose, clock=self._steady)
+        self.create_timer(_LOOK, self._look, clock=self._steady)
         for name, serve in (
             ("~/start_recording", self._start_recording),
             ("~/stop_recording", self._stop_recording),
@@ -125,20 +127,12 @@ class ConnectorNode(LifecycleNode):
         report = self._monitor.report(stamp, self.answering, self.recorder, self.links)
         self._diagnostics.publish(report)
 
-    def _guarded(self, callback: Any) -> Any:
-        """Keep the node running whatever a timer meets; it is said once a second at most."""
-
-        @functools.wraps(callback)
-        def call() -> None:
-            try:
-                callback()
-            except Exception as error:
-                self.get_logger().error(
-                    f"{callback.__name__}: {type(error).__name__}: {error}",
-                    throttle_duration_sec=1.0,
-                )
-
-        return call
+    def caught(self, error: Exception) -> bool:
+        """Count and report what a callback raised; the node goes on."""
+        self.links.caught += 1
+        self.links.caught_text = f"{type(error).__name__}: {error}"
+        self.get_logger().error(self.links.caught_text, throttle_duration_sec=1.0)
+        return True
 
     # --- lifecycle -------------------------------------------------------------------------------
 
@@ -244,8 +238,10 @@ class ConnectorNode(LifecycleNode):
         except Exception as error:
             response.message = str(error) or type(error).__name__
             response.success = False
-        log = self.get_logger()
-        (log.info if response.success else log.error)(response.message)
+        if response.success:
+            self.get_logger().info(response.message)
+        else:
+            self.get_logger().error(response.message)
         return response
 
     def _open_recording(self) -> str:

@@ -42,6 +42,8 @@ class Links:
     timeouts: int = 0  # times a zero wrench was sent because samples had stopped
     unsent: int = 0  # answers the middleware did not take
     unsent_text: str = ""
+    caught: int = 0  # callbacks that raised
+    caught_text: str = ""
     silent: bool = False  # samples have stopped
     state: str = "unconfigured"  # of the lifecycle
 
@@ -145,6 +147,7 @@ class Monitor:
         ]
         problems += [
             (ERROR, self._new("unsent", links.unsent), f"not published: {links.unsent_text}"),
+            (ERROR, self._new("caught", links.caught), f"a callback failed: {links.caught_text}"),
             (WARN, self._new("dropped", links.lost), "messages were dropped on the way"),
         ]
         if missing:
@@ -153,6 +156,7 @@ class Monitor:
             "incompatible QoS": len(links.incompatible),
             "dropped messages": links.lost,
             "answers not published": links.unsent,
+            "failed callbacks": links.caught,
         }
         if answering is not None:
             values.update({f"{k} messages": n for k, n in answering.matcher.received.items()})

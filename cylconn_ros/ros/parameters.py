@@ -9,7 +9,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from cylconn_ros.connector.parameters import Parameter, SceneError, Value
+from cylconn_ros.connector.parameters import Parameter, Value
 from cylconn_ros.connector.scene import Scene, schema
 from cylconn_ros.connector.scene_file import ROS_PARAMETERS
 
@@ -77,7 +77,7 @@ class SceneParameters:
                     values[name] = schema()[name].default if value is None else value
                 scene = Scene.from_parameters(values)
                 self._prepare(scene)
-            except SceneError as error:
+            except Exception as error:  # SceneError; whatever else it is, nothing changes
                 return SetParametersResult(successful=False, reason=str(error))
             self._next = scene
         return SetParametersResult(successful=True)

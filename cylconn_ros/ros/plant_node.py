@@ -167,6 +167,10 @@ class PlantNode(Node):
         if not self.done.done():
             self.done.set_result(code)
 
+    def caught(self, _error: Exception) -> bool:
+        """End on the first error: a plant that goes wrong is of no use."""
+        return False
+
     def finish(self) -> None:
         """Sum up and release everything."""
         self._say_progress()

@@ -6,9 +6,10 @@ import contextlib
 import gc
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.exceptions import NameValidationException
@@ -29,6 +30,9 @@ class Served(Protocol):
 
     done: Future  # its result is the exit code; a signal completes it with 0
 
+    def caught(self, error: Exception) -> bool:
+        """Take note of what a callback raised; whether to go on."""
+
     def finish(self) -> None:
         """Send what is to be sent last and release everything; the context is still valid."""
 
@@ -38,6 +42,7 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
 
     Exit code 2, with one plain line, where arguments or parameters cannot be used.
     """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # while starting: as Ctrl-C
     try:
         arguments = read_arguments(sys.argv[1:] if argv is None else argv, name)
         if arguments.help:
@@ -45,6 +50,8 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
             return OK
         with _context(arguments):
             return _serve(make(arguments))
+    except KeyboardInterrupt:
+        return OK
     except (SceneError, UsageError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return WRONG_USE
@@ -66,6 +73,19 @@ def _context(arguments: Arguments) -> Iterator[None]:
         rclpy.try_shutdown()
 
 
+def _spin(executor: Any, node: Served) -> None:
+    """Spin until the node is done, or a callback raises."""
+    try:
+        executor.spin_until_future_complete(node.done, timeout_sec=1e5)
+    except ExternalShutdownException:
+        raise
+    except Exception as error:
+        if not node.caught(error):
+            traceback.print_exc()
+            node.done.set_result(FAILED)
+        time.sleep(0.001)  # a callback that always fails shall not take the machine
+
+
 def _serve(node: Node) -> int:
     executor = EventsExecutor()
     executor.add_node(node)
@@ -80,12 +100,9 @@ def _serve(node: Node) -> int:
     gc.freeze()  # what exists by now stays: no use in looking through it again and again
     try:
         while not done.done():
-            executor.spin_until_future_complete(done, timeout_sec=1e5)
+            _spin(executor, node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except Exception:
-        traceback.print_exc()
-        done.set_result(FAILED)
     finally:
         for s in previous:  # Ctrl-C may come twice: to the group, and from the launcher
             signal.signal(s, signal.SIG_IGN)

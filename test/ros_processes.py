@@ -1,0 +1,205 @@
+"""What the live tests need: programs as processes, and a foreign node to talk to them."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+
+PATIENCE = 60.0  # s of wall clock for anything to happen; nothing is judged by speed
+LEAST = (
+    "node_a.orientation:=[0, 0, 0, 1]",
+    "body_b.mass:=2.0",
+    "body_b.inertia:=[0.002, 0, 0, 0.003, 0, 0.004]",
+)
+
+
+def parameters(*rules: str, least: bool = True) -> list[str]:
+    """Arguments that set parameters, of the least scene unless told otherwise."""
+    arguments = ["--ros-args"]
+    for rule in (*(LEAST if least else ()), *rules):
+        arguments += ["-p", rule]
+    return arguments
+
+
+class Program:
+    """A running program; its output is kept as lines."""
+
+    def __init__(self, command: Sequence[str | Path], directory: Path) -> None:
+        self.lines: list[str] = []
+        self.process = subprocess.Popen(
+            [str(part) for part in command],
+            cwd=directory,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        self.lines.extend(line.rstrip("\n") for line in self.process.stdout)
+
+    @property
+    def output(self) -> str:
+        return "\n".join(self.lines)
+
+    def wait(self) -> int:
+        """Wait for its end and return the exit code."""
+        code = self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        return code
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """End it in order and return the exit code."""
+        self.process.send_signal(number)
+        return self.wait()
+
+
+@contextmanager
+def program(command: Sequence[str | Path], directory: Path) -> Iterator[Program]:
+    """Run a program for the length of a block; it does not outlive the block."""
+    running = Program(command, directory)
+    try:
+        yield running
+    except BaseException:
+        print(f"{command[0]} (exit code {running.process.poll()}) said:\n{running.output}")
+        raise
+    finally:
+        if running.process.poll() is None:
+            running.process.send_signal(signal.SIGINT)
+            try:
+                running.process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                running.process.kill()
+                running.process.wait()
+
+
+def installed(prefix: Path, name: str) -> list[str | Path]:
+    """The command of an installed executable, as `ros2 run` finds it."""
+    return [prefix / "lib" / "cylconn_ros" / name]
+
+
+def module(name: str) -> list[str | Path]:
+    """The same program run as a module."""
+    return [sys.executable, "-m", f"cylconn_ros.ros.{name}"]
+
+
+class Peer:
+    """A foreign node: ordinary messages, ordinary executor."""
+
+    def __init__(self) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("peer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def collect(self, kind: Any, topic: str, qos: QoSProfile | int = 50) -> list[Any]:
+        """Subscribe; messages are appended to the list as they come."""
+        received: list[Any] = []
+        self.node.create_subscription(kind, topic, received.append, qos)
+        return received
+
+    def spin_until(self, condition: Callable[[], Any], what: str = "") -> Any:
+        """Spin until the condition holds and return what it gave."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            if result := condition():
+                return result
+            self.executor.spin_once(timeout_sec=0.05)
+        raise AssertionError(f"waited {PATIENCE} s in vain{': ' if what else ''}{what}")
+
+    def spin_for(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, kind: Any, name: str, request: Any = None) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, f"service {name}")
+        future = client.call_async(request or kind.Request())
+        self.spin_until(future.done, f"response of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+
+class Source:
+    """The motion of body B from a foreign publisher, in either form."""
+
+    def __init__(
+        self, peer: Peer, form: str = "pose_twist", prefix: str = "", qos: Any = 50
+    ) -> None:
+        self.peer = peer
+        self.form = form
+        create = peer.node.create_publisher
+        if form == "odometry":
+            self.publishers = [create(Odometry, f"{prefix}/body_b/odom", qos)]
+        else:
+            self.publishers = [
+                create(PoseStamped, f"{prefix}/body_b/pose", qos),
+                create(TwistStamped, f"{prefix}/body_b/twist", qos),
+            ]
+
+    def wait(self) -> None:
+        """Wait until somebody listens."""
+        self.peer.spin_until(
+            lambda: all(p.get_subscription_count() for p in self.publishers), "a subscriber"
+        )
+
+    def send(
+        self,
+        stamp: int,
+        position: Sequence[float] = (0.0, 0.0, 0.0),
+        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+        velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Send one sample with a stamp in ns; the velocity is in world axes."""
+        if self.form == "odometry":
+            message = Odometry(child_frame_id="body_b")
+            parts = [(message, message.pose.pose, message.twist.twist)]
+        else:
+            pose, twist = PoseStamped(), TwistStamped()
+            parts = [(pose, pose.pose, None), (twist, None, twist.twist)]
+        for publisher, (message, pose, twist) in zip(self.publishers, parts, strict=True):
+            message.header.frame_id = "world"
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+            if pose is not None:
+                point, q = pose.position, pose.orientation
+                point.x, point.y, point.z = map(float, position)
+                q.x, q.y, q.z, q.w = map(float, orientation)
+            if twist is not None:
+                linear = twist.linear
+                linear.x, linear.y, linear.z = map(float, velocity)
+            publisher.publish(message)
+
+
+def stamp_of(message: Any) -> int:
+    """Stamp of a message in ns."""
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def wrench_of(message: Any) -> list[float]:
+    """Force and torque of a WrenchStamped."""
+    f, t = message.wrench.force, message.wrench.torque
+    return [f.x, f.y, f.z, t.x, t.y, t.z]
