@@ -93,7 +93,7 @@ def _turning_step(
     body: Body, m: Motion, weight: Vector, force: Vector, torque: Vector, h: float
 ) -> Motion:
     """A wrench held in body axes: short steps, each with the turned wrench at its middle."""
-    n = 1 + int(min(norm(m.spin) * h * 100.0, 1000.0))
+    n = 8 + int(min(norm(m.spin) * h * 400.0, 1000.0))
     dt = h / n
     for _ in range(n):
         half = exact_step(
