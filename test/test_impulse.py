@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,16 +111,14 @@ def test_parts_add_up_component_by_component() -> None:
 
 def swapped(scene: Scene) -> Scene:
     """The same two bodies with their names exchanged; node b stays at the same point in space."""
-    values = scene.parameters()
+    values: dict[str, Any] = dict(scene.parameters())
     for name in ("mass", "com", "inertia", "kind"):
         a, b = values[f"body_a.{name}"], values[f"body_b.{name}"]
         values[f"body_a.{name}"], values[f"body_b.{name}"] = b, a
     for name in ("pose", "twist"):
         a, b = values[f"plant.body_a.{name}"], values[f"plant.body_b.{name}"]
         values[f"plant.body_a.{name}"], values[f"plant.body_b.{name}"] = b, a
-    values["node_b.position"] = tuple(
-        values["plant.body_a.pose"][:3]
-    )  # in the old A, at the origin
+    values["node_b.position"] = scene.plant.body_b.pose[:3]  # in the old A, which is at the origin
     return Scene.from_parameters(values)
 
 
@@ -150,7 +149,7 @@ def test_swapping_the_bodies_leaves_the_motion(friction: dict) -> None:
 
 def test_the_place_of_node_b_matters_only_for_bending() -> None:
     """A shift along the axis changes nothing without friction or with L = 0; it does with L > 0."""
-    far = {"node_b": {"position": [0.15, 0.0, 0.0]}}
+    far: dict[str, Any] = {"node_b": {"position": [0.15, 0.0, 0.0]}}
     for friction in ({}, FLAT):
         apart = parting(pair(friction=friction), pair(friction=friction, **far))
         assert order(PERIODS, apart) > 1.8
