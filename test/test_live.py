@@ -372,8 +372,10 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize("name", ["connector", "plant"])
-@pytest.mark.parametrize(("arguments", "text"), REFUSED, ids=[text for _, text in REFUSED])
+@pytest.mark.parametrize(
+    ("name", "arguments", "text"),
+    [("connector", *case) for case in REFUSED] + [("plant", *case) for case in REFUSED[:2]],
+)
 def test_wrong_use_is_refused_in_one_plain_line(name, arguments, text, installed_prefix, tmp_path):
     command = [*installed(installed_prefix, name), *parameters(), *arguments]
     with program(command, tmp_path) as running:

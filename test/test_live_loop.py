@@ -8,10 +8,12 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from ros_processes import Peer, installed, module, parameters, program, stamp_of
 
-from cylconn_ros.connector.scene import load
+from cylconn_ros.connector.scene import Scene, load
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
 from cylconn_ros.recording.reader import Run, read_run
+from cylconn_ros.ros import cdr
+from cylconn_ros.ros.answering import Answering
 
 CONFIG = Path(__file__).parents[1] / "config"
 MS = 1_000_000
@@ -27,6 +29,25 @@ def states(run: Run) -> tuple[np.ndarray, np.ndarray]:
     table = run.state
     columns = [np.reshape(table[name], (len(table), -1)) for name, _ in layout.STATE_FIELDS]
     return table.stamp, np.hstack(columns)
+
+
+def assert_replayed(run: Run, scene: Scene) -> None:
+    """Assert that what was recorded as received gives again what was recorded as published."""
+    answering = Answering(scene)
+    wanted = {
+        run.topic(name): data for name, data in answering.inputs.items() if "load" not in name
+    }
+    arrivals = [
+        (log_time, order, topic, data)
+        for order, topic in enumerate(wanted)
+        for log_time, _, data in run.raw(topic)
+    ]
+    answers = [wanted[topic].receive(data) for _, _, topic, data in sorted(arrivals)]
+    replayed = [answer for answer in answers if answer is not None]
+    for body in ("a", "b"):
+        recorded = [data for _, _, data in run.raw(run.topic(f"body_{body}/wrench"))]
+        answered = [getattr(answer, f"wrench_{body}") for answer in replayed]
+        assert [data for data in recorded if any(cdr.read_wrench(data).values)] == answered
 
 
 @pytest.mark.parametrize("name", ["demo", "free_flight"])
@@ -47,6 +68,7 @@ def test_two_processes_give_the_numbers_of_the_loop_in_process(name, installed_p
     _, first = np.unique(stamp, return_index=True)
     kept = [i for i in range(layout.NSTATE) if i + layout.STATE0 != layout.COMPUTING_TIME]
     np.testing.assert_array_equal(found[first][:, kept], expected.outs[:, layout.STATE][:, kept])
+    assert_replayed(run, load(CONFIG / f"{name}.yaml"))
     poses = run.table(run.topic("body_b/pose"))
     _, first = np.unique(poses.stamp, return_index=True)
     height = np.column_stack([poses[key] for key in poses.columns if key.endswith("position.z")])

@@ -120,9 +120,11 @@ class SampleMatcher:
         self._insisted = 0
         self._old.clear()
 
-    def take_over(self, other: SampleMatcher) -> None:
-        """Go on with another matcher's counts and loads, but not with its samples."""
+    def take_over(self, other: SampleMatcher, history: bool) -> None:
+        """Go on with another matcher's counts and loads; with ``history``, also after its stamp."""
         self.counts, self.received, self._loads = other.counts, other.received, other._loads
+        if history:
+            self._last, self._step = other._last, other._step
 
     @property
     def last_stamp(self) -> int | None:

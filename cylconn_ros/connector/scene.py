@@ -376,7 +376,9 @@ class Scene:
         gt=0.0,
         unit="s",
         infinite=True,
-        doc="Wall-clock time without a complete sample after which a zero wrench is sent.",
+        doc="Wall-clock time without a complete sample after which one zero wrench is sent. Its "
+        "stamp is 1 ns after the last sample's: the newest for whoever applies the newest, and "
+        "ignored by a plant in lock step, which waits for its own stamp however long.",
     )
     stamp_tolerance: float = parameter(
         0.0, ge=0.0, unit="s", doc="Largest difference of stamps within one sample."

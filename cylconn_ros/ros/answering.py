@@ -106,9 +106,6 @@ class Answering:
         self.connector.reset()
         self.matcher = SampleMatcher(scene)
         self.health = Health()
-        if previous is not None:
-            self.matcher.take_over(previous.matcher)
-            self.health = previous.health
         self.inputs = self._make_inputs()
         self._out = np.zeros(layout.NOUT)
         world_axes = scene.wrench.axes == "world"
@@ -118,8 +115,15 @@ class Answering:
         self._joints = JointStateWriter(scene.body_a.frame, JOINTS)
         self._answer: Answer | None = None
         self.continues = previous is not None and _same_history(previous.scene, scene)
-        if previous is not None and self.continues:
+        if previous is not None:
+            self._take_over(previous)
+
+    def _take_over(self, previous: Answering) -> None:
+        self.health = previous.health
+        self.matcher.take_over(previous.matcher, history=self.continues)
+        if self.continues:
             self.connector.memory = previous.connector.memory
+            self._answer = previous._answer
 
     def reset(self) -> None:
         """Forget the reference configuration and all history; the next sample begins a new one."""
