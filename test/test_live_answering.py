@@ -48,6 +48,7 @@ class Loop:
 
     def step(self):
         answer = self.sample()
+        assert answer is not None
         self.exchange.take(0, answer.wrench_a, self.plant.time_ns)
         self.exchange.take(1, answer.wrench_b, self.plant.time_ns)
         assert self.exchange.complete
@@ -86,6 +87,7 @@ def test_answers_are_the_connector_s(form):
 )
 def test_the_frame_of_a_wrench_names_its_axes(axes, frames):
     answer = Loop(make(wrench__axes=axes)).sample()
+    assert answer is not None
     assert (
         cdr.read_wrench(answer.wrench_a).frame,
         cdr.read_wrench(answer.wrench_b).frame,
@@ -107,6 +109,8 @@ def test_the_zero_wrench_is_newer_than_the_last_and_answers_no_sample():
     loop.step()
     answer = loop.sample()
     zero = loop.answering.zero()
+    assert answer is not None
+    assert zero is not None
     assert zero.stamp == answer.stamp + 1
     for data in (zero.wrench_a, zero.wrench_b):
         assert cdr.read_wrench(data)[0:3:2] == (zero.stamp, (0.0,) * 6)
