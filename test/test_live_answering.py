@@ -11,6 +11,7 @@ from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import Answering
+from cylconn_ros.ros.cdr_writers import StampedWriter
 from cylconn_ros.ros.plant_exchange import Exchange, PlantCounts
 from cylconn_ros.ros.recording import Recorder
 
@@ -199,3 +200,45 @@ def test_a_recorder_survives_what_the_disk_does(tmp_path):
     with pytest.raises(RecordingError):
         recorder.start(tmp_path / "file", "joint", topics, {}, "zstd")
     assert not recorder.running
+
+
+def test_stamps_that_go_back_reset_the_connector():
+    scene = make()
+    loop = Loop(scene)
+    for _ in range(30):
+        loop.step()
+    assert loop.answering.out[layout.DISPLACEMENT] > 0.01
+    loop.plant = Plant(scene)
+    answer = loop.sample()
+    assert answer is not None
+    assert answer.stamp == 0
+    assert loop.answering.out[layout.DISPLACEMENT] == 0.0
+    assert loop.answering.matcher.counts.restarts == 1
+
+
+def wrench(stamp: int, force: float) -> bytes:
+    return StampedWriter("body_b").write(stamp, np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0]))
+
+
+def test_a_plant_in_lock_step_takes_its_own_stamp_only():
+    counts = PlantCounts()
+    exchange = Exchange(make(), counts)
+    exchange.take(1, wrench(4 * MS, 1.0), 5 * MS)
+    exchange.take(1, wrench(6 * MS, 1.0), 5 * MS)
+    exchange.take(1, b"nothing", 5 * MS)
+    assert not exchange.wrenches[1].any()
+    exchange.take(1, wrench(5 * MS, 2.0), 5 * MS)
+    exchange.take(1, wrench(5 * MS, 3.0), 5 * MS)
+    assert exchange.wrenches[1][0] == 2.0
+    assert exchange.silent == ["body_a/wrench"]
+    assert (counts.ignored, counts.repeated, counts.undecodable) == (2, 1, 1)
+
+
+def test_a_free_plant_takes_what_is_newest():
+    counts = PlantCounts()
+    exchange = Exchange(make(plant__lock_step=False), counts)
+    for stamp, force in ((4, 1.0), (3, 2.0), (6, 3.0)):
+        exchange.take(1, wrench(stamp * MS, force), 5 * MS)
+    assert exchange.wrenches[1][0] == 3.0
+    assert counts.ignored == 1
+    assert not exchange.complete
