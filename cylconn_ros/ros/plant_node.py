@@ -34,7 +34,7 @@ Free running: plant.rate samples a second, each step with the newest wrenches.
 Exit codes: 0 plant.duration reached or stopped, 1 no connector or no answer, 2 arguments or
 parameters that cannot be used."""
 
-DISCOVERY = 60.0  # s of wall clock for a connector to appear
+DISCOVERY = 120.0  # s of wall clock for a connector to appear; the first one ever compiles
 _SETTLING = 0.25  # s between seeing the connector and the first sample: it must see us, too
 _RESEND = 0.25  # s without an answer after which a sample is sent again
 _LOOK = 0.05  # s between looks at the clock, and between lines of progress
