@@ -95,9 +95,20 @@ def diagnosis(output: str) -> str:
     return f"it ended with\n{tail}\n(all of it: {LOG.relative_to(ROOT)})"
 
 
+def stamp() -> dict:
+    """Give what the last completed preparation left: fingerprint, purposes, place."""
+    return json.loads(STAMP.read_text()) if STAMP.exists() else {}
+
+
 def environment_version() -> str:
-    """Version of the Python in .venv; empty where it does not run, as after a system upgrade."""
-    ask = "import sys; print('{}.{}'.format(*sys.version_info))"
+    """Version of the Python in .venv; empty where it is of no use and has to be made anew.
+
+    That is after an upgrade of the system's Python, an interrupted creation, or a move of the clone
+    (its scripts name the place they were installed in).
+    """
+    if stamp().get("place", str(VENV)) != str(VENV):
+        return ""
+    ask = "import pip, sys; print('{}.{}'.format(*sys.version_info))"
     try:
         answer = subprocess.run([PYTHON, "-I", "-c", ask], capture_output=True, text=True)
     except OSError:
@@ -114,26 +125,26 @@ def make_environment() -> None:
     missing = toolchain.missing_for_environment()
     if missing:
         raise PrepareError(toolchain.explain(missing))
-    print(f"  environment .venv with Python {wanted}")
+    print(f"Preparing .venv with Python {wanted}; this once it needs the network.")
     venv.create(VENV, clear=True, with_pip=True)
 
 
 def prepare(purpose: str) -> None:
     """Bring .venv up to date for `purpose`, a key of EXTRAS."""
     make_environment()
-    stamp = json.loads(STAMP.read_text()) if STAMP.exists() else {}
+    done = stamp()
     current = fingerprint()
-    fresh = stamp.get("fingerprint") == current
-    if fresh and purpose in stamp["purposes"]:
+    if done.get("fingerprint") == current and purpose in done["purposes"]:
         return
     STAMP.unlink(missing_ok=True)
     LOG.unlink(missing_ok=True)
     pip = (str(PYTHON), "-m", "pip", "--disable-pip-version-check", "install")
-    purposes = {*EXTRAS[purpose], *stamp.get("purposes", ())}
+    purposes = {*EXTRAS[purpose], *done.get("purposes", ())}
     step("build tools of ROS 2", *pip, *build_requirements())
     editable = f".[{','.join(sorted(purposes))}]"
     step("messages, package and dependencies", *pip, "--no-build-isolation", "-e", editable)
-    STAMP.write_text(json.dumps({"fingerprint": current, "purposes": sorted(purposes)}))
+    done = {"fingerprint": current, "purposes": sorted(purposes), "place": str(VENV)}
+    STAMP.write_text(json.dumps(done))
 
 
 def main() -> int:
