@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 STAMP = VENV / "prepared.json"
+PLACE = VENV / "place"  # written when the environment is complete
 LOG = VENV / "prepare.log"
 BUILD_FILES = ("CMakeLists.txt", "package.xml", "pyproject.toml", "setup.py")
 BUILD_FOLDERS = ("cmake", "config", "launch", "msg")
@@ -96,7 +97,7 @@ def diagnosis(output: str) -> str:
 
 
 def stamp() -> dict:
-    """Give what the last completed preparation left: fingerprint, purposes, place."""
+    """Give what the last completed preparation left: fingerprint and purposes."""
     return json.loads(STAMP.read_text()) if STAMP.exists() else {}
 
 
@@ -106,9 +107,9 @@ def environment_version() -> str:
     That is after an upgrade of the system's Python, an interrupted creation, or a move of the clone
     (its scripts name the place they were installed in).
     """
-    if stamp().get("place", str(VENV)) != str(VENV):
+    if not PLACE.exists() or PLACE.read_text() != str(VENV):
         return ""
-    ask = "import pip, sys; print('{}.{}'.format(*sys.version_info))"
+    ask = "import sys; print('{}.{}'.format(*sys.version_info))"
     try:
         answer = subprocess.run([PYTHON, "-I", "-c", ask], capture_output=True, text=True)
     except OSError:
@@ -127,6 +128,7 @@ def make_environment() -> None:
         raise PrepareError(toolchain.explain(missing))
     print(f"Preparing .venv with Python {wanted}; this once it needs the network.")
     venv.create(VENV, clear=True, with_pip=True)
+    PLACE.write_text(str(VENV))
 
 
 def prepare(purpose: str) -> None:
@@ -143,7 +145,7 @@ def prepare(purpose: str) -> None:
     step("build tools of ROS 2", *pip, *build_requirements())
     editable = f".[{','.join(sorted(purposes))}]"
     step("messages, package and dependencies", *pip, "--no-build-isolation", "-e", editable)
-    done = {"fingerprint": current, "purposes": sorted(purposes), "place": str(VENV)}
+    done = {"fingerprint": current, "purposes": sorted(purposes)}
     STAMP.write_text(json.dumps(done))
 
 
