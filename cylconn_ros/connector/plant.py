@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from cylconn_ros.connector.packing import pack
 from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.connector.scene import PlantBody, Scene
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.scene_parts import PlantBody
 from cylconn_ros.core import plant
 
 Array = NDArray[np.float64]

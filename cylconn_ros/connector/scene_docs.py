@@ -23,7 +23,7 @@ parameters are read when a node starts; the others can be changed while it runs 
 a change is taken as a whole or refused with a reason, and not during a recording, which holds one
 set of parameters. A change of bodies, nodes, reference, period or method begins a new history: the
 next sample is the reference configuration. This file is made from
-`cylconn_ros/connector/scene.py`.
+`cylconn_ros/connector/scene.py` and `scene_parts.py`.
 """
 _EXAMPLE_HEAD = """\
 # Every parameter with its default; where one must be given, an example. docs/parameters.md is the
