@@ -29,7 +29,10 @@ PENALTY: Final = 76  # stiffness, rotational stiffness, damping, rotational damp
 OUTPUT: Final = (
     82  # world axes, mass centre, held in body axes, semi-implicit plant, force limit, torque limit
 )
-TABLE: Final = 88  # rates, forces, values
+STOPS: Final = 88  # l_min, l_max, theta_min, theta_max (infinite: none), restitution
+LOCK: Final = 93  # component (0 none, 1 slide, 2 spin), position, force (NaN: no criterion)
+COMMAND: Final = 96  # of slide, of spin: position, velocity, force (NaN: not imposed)
+TABLE: Final = 102  # rates, forces, values
 
 # --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration
@@ -52,7 +55,18 @@ LAST_B: Final = 37
 WORK: Final = 49  # sum of work with its sign, J
 EXCHANGED: Final = 50  # sum of |work|, J
 ELASTIC_SLIP: Final = 51  # 2, of the penalty method's stick, m
-NMEM: Final = 53
+PENDING_SIDE: Final = 53  # 2: an impact's second half: -1 at the lower stop, 1 at the upper, 0
+PENDING_RATE: Final = 55  # 2: the rate it leaves with
+PENDING_RESTITUTION: Final = 57
+LOCKED: Final = 58  # whether the lock has closed
+LOCKED_AT: Final = 59  # and where
+LOCK_LAST: Final = 60  # the locking component's last position
+LAST_TOTAL: Final = 61  # 2: f1, m1 of the last answer
+IMPOSED_AT: Final = 63  # 2: where imposed motion has got to
+LAST_ACTUATION: Final = 65  # 2: force and moment of actuation and imposed motion in the last answer
+ACTUATED: Final = 67  # work of those, J
+SPRING0: Final = 68  # spring energy at the reference, J
+NMEM: Final = 69
 
 
 class Output(NamedTuple):
