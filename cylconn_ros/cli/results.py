@@ -20,6 +20,7 @@ FLAGS = (
     "jammed",
     "stopped",
     "misaligned",
+    "gains lowered",
 )
 """Names of the bits of ConnectorState.flags, lowest first."""
 

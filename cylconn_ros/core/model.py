@@ -32,7 +32,9 @@ OUTPUT: Final = (
 STOPS: Final = 88  # l_min, l_max, theta_min, theta_max (infinite: none), restitution
 LOCK: Final = 93  # component (0 none, 1 slide, 2 spin), position, force (NaN: no criterion)
 COMMAND: Final = 96  # of slide, of spin: position, velocity, force (NaN: not imposed)
-TABLE: Final = 102  # rates, forces, values
+AUGMENTED: Final = 102  # share of the spring's force that the multiplier takes over (NaN: chosen)
+BAUMGARTE: Final = 103  # alpha, beta (NaN: from the period), regularisation velocity
+TABLE: Final = 106  # rates, forces, values
 
 # --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration
@@ -66,7 +68,9 @@ IMPOSED_AT: Final = 63  # 2: where imposed motion has got to
 LAST_ACTUATION: Final = 65  # 2: force and moment of actuation and imposed motion in the last answer
 ACTUATED: Final = 67  # work of those, J
 SPRING0: Final = 68  # spring energy at the reference, J
-NMEM: Final = 69
+MULTIPLIER: Final = 69  # 4, of the augmented Lagrangian: f2, f3, m2, m3
+GUARD: Final = 73  # 2 x 18, of its gains on offsets and swings: methods/guard.py
+NMEM: Final = 109
 
 
 class Output(NamedTuple):

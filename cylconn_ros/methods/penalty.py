@@ -20,6 +20,7 @@ from cylconn_ros.core import model
 from cylconn_ros.core.answer import write_contact, write_forces, write_wrenches
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed, observe
 from cylconn_ros.core.vectors import scale, turned
 
@@ -39,6 +40,13 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
         -kr * e[2] - cr * w[1],
         -kr * e[3] - cr * w[2],
     )
+    return answer(par, mem, out, o, constraint, h)
+
+
+@jit
+def answer(par: Array, mem: Array, out: Array, o: Observed, constraint: Four, h: float) -> int:
+    """What goes with a constraint force (f2 f3 m2 m3) of unknown inertia: friction, wrenches."""
+    v, w = o.twist.v, o.twist.w
     elastic = model.ELASTICITY
     ref = model.REFERENCE
     u1 = o.length - model.given(par[ref + 2], mem[model.LENGTH0])
@@ -76,7 +84,7 @@ def _friction(
     mem: Array,
     out: Array,
     o: Observed,
-    constraint: tuple[float, float, float, float],
+    constraint: Four,
     h: float,
 ) -> tuple[tuple[float, float], int]:
     """(f1f, m1f) and the regime; the return mapping onto the disc."""

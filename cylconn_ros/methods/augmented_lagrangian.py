@@ -1,0 +1,59 @@
+r"""Unknown inertia without giving way: a multiplier gathers what the penalty's spring carries.
+
+    lambda <- lambda - rho k e
+    f_c     = lambda - k e - c w_c         e the constraint's error, w_c its rate
+
+At rest the spring's share has wandered into lambda and e is zero, where the penalty method gives by
+load/k. rho is `penalty.multiplier_gain`; by default k h/(8 c), at most 0.1. Friction is that of the
+penalty method: elastic stick, brought back onto the disc.
+
+What it costs: lambda follows a changing load with a lag of h/rho, during which e is not zero; and a
+third gain that can be unstable. Unstable gains are seen and lowered (methods/guard.py), which is
+flagged GAINS_LOWERED.
+"""
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.observe import observe
+from cylconn_ros.methods import guard, penalty
+
+
+@jit
+def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
+    o = observe(par, mem, sample, out)
+    at = model.PENALTY
+    e, v, w = o.error, o.twist.v, o.twist.w
+    y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]), h)
+    m2, m3, low_too = _block(par, mem, 1, par[at + 1], par[at + 3], (e[2], e[3]), (w[1], w[2]), h)
+    flags = penalty.answer(par, mem, out, o, (y, z, m2, m3), h)
+    if low or low_too:
+        flags |= out_at.GAINS_LOWERED
+    return flags
+
+
+@jit
+def _block(
+    par: Array,
+    mem: Array,
+    block: int,
+    k: float,
+    c: float,
+    e: tuple[float, float],
+    w: tuple[float, float],
+    h: float,
+) -> tuple[float, float, bool]:
+    """The constraint force on two components: offsets (block 0) or swings (1)."""
+    to, at = model.MULTIPLIER + 2 * block, model.GUARD + guard.SIZE * block
+    explicit, rho = model.output(par).semi_implicit, par[model.AUGMENTED]
+    g = guard.gains(mem, at, k, c, rho, h, explicit)
+    guard.watch(mem, at, g, e, w, (mem[to], mem[to + 1]))
+    g = guard.gains(mem, at, k, c, rho, h, explicit)
+    mem[to] -= g.rho * g.k * e[0]
+    mem[to + 1] -= g.rho * g.k * e[1]
+    f1 = mem[to] - g.k * e[0] - g.c * w[0]
+    f2 = mem[to + 1] - g.k * e[1] - g.c * w[1]
+    mem[at + guard.FORCE], mem[at + guard.FORCE + 1] = f1, f2
+    return f1, f2, g.lowered
