@@ -15,7 +15,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_processes import Peer, Source, installed, module, parameters, program, stamp_of, wrench_of
+from ros_processes import Peer, Source, installed, parameters, program, stamp_of, wrench_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -357,48 +357,6 @@ def test_a_signal_ends_it_in_order(connector, peer, tmp_path, number):
         (run,) = (tmp_path / "runs").iterdir()
         assert (run / "metadata.yaml").is_file()
         assert "Traceback" not in running.output
-
-
-REFUSED = [
-    (["-p", "period:=-1"], "period = -1: must be a number >= 0 s"),
-    (["-p", "friction.coefficient:=0.1"], "friction.radius = .nan: must be given with friction"),
-    (["-p", "fricton.radius:=1"], "did you mean friction.radius?"),
-    (["-p", "gravity:=[0, 0, x]"], "gravity = [0, 0, 'x']: must be 3 numbers"),
-    (["-p", "gravity:=[0, 0"], "gravity = [0, 0: line 1"),
-    (["--params-file", "missing.yaml"], "missing.yaml: cannot be read"),
-    (["-p"], "-p: a value must follow"),
-    (["-r", "__node:=not a name"], "not a name"),
-    (["--", "--verbose"], "--verbose: not understood"),
-]
-
-
-@pytest.mark.parametrize(
-    ("name", "arguments", "text"),
-    [("connector", *case) for case in REFUSED] + [("plant", *case) for case in REFUSED[:2]],
-)
-def test_wrong_use_is_refused_in_one_plain_line(name, arguments, text, installed_prefix, tmp_path):
-    command = [*installed(installed_prefix, name), *parameters(), *arguments]
-    with program(command, tmp_path) as running:
-        assert running.wait() == 2
-        assert running.lines[-1].startswith(f"{name}: ")
-        assert text in running.lines[-1]
-        assert "Traceback" not in running.output
-
-
-def test_nothing_given_says_what_is_needed(tmp_path):
-    with program(module("connector_node"), tmp_path) as running:
-        assert running.wait() == 2
-        assert running.output == (
-            "connector: node_a.orientation: is required and not given; "
-            "must be 4 numbers x, y, z, w, finite"
-        )
-
-
-@pytest.mark.parametrize("name", ["connector", "plant"])
-def test_help(name, installed_prefix, tmp_path):
-    with program([*installed(installed_prefix, name), "--help"], tmp_path) as running:
-        assert running.wait() == 0
-        assert running.output.startswith(f"usage: {name} ")
 
 
 FAULTY = """
