@@ -1,5 +1,7 @@
 """The connector: one public step for live node, replay, plant loop and benchmark alike."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +37,32 @@ class Connector:
     def reset(self) -> None:
         """Forget the reference configuration and all history: the next sample is the first."""
         self._mem[:] = 0.0
+
+    def impose(
+        self,
+        component: str,
+        position: float = math.nan,
+        velocity: float = math.nan,
+        force: float = math.nan,
+    ) -> None:
+        """Impose a motion or a force on an available component until told otherwise.
+
+        ``component`` is "slide" (m, m/s, N) or "spin" (rad, rad/s, N.m). NaN leaves a quantity
+        free. A motion is a position, moving on with the velocity where one is given, or a velocity
+        alone. Raises ValueError for another component, an infinite number, or a motion with a
+        force.
+        """
+        if component not in ("slide", "spin"):
+            raise ValueError(f"component = {component!r}: must be slide or spin")
+        for name, value in (("position", position), ("velocity", velocity), ("force", force)):
+            if math.isinf(value):
+                raise ValueError(f"{component}.{name} = {value}: must be finite, or NaN for none")
+        if not math.isnan(force) and not (math.isnan(position) and math.isnan(velocity)):
+            raise ValueError(f"{component}.force = {force}: must not be given with a motion")
+        k = ("slide", "spin").index(component)
+        at = model.COMMAND + 3 * k
+        self._par[at : at + 3] = position, velocity, force
+        self._mem[model.IMPOSED_AT + k] = math.nan
 
     @property
     def memory(self) -> Array:

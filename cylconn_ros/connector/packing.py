@@ -64,6 +64,16 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         scene.limits.force,
         scene.limits.torque,
     )
+    par[model.STOPS : model.STOPS + 5] = _stops(scene)
+    lock = scene.lock
+    par[model.LOCK : model.LOCK + 3] = (
+        ("none", "slide", "spin").index(lock.component),
+        lock.position,
+        lock.force,
+    )
+    for k, imposed in enumerate((scene.command.slide, scene.command.spin)):
+        at = model.COMMAND + 3 * k
+        par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
     par[model.TABLE :] = table
     return par
 
@@ -85,6 +95,14 @@ def _body(body: Body, plant: bool) -> list[float]:
     j = np.linalg.inv([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     inverse = [j[0, 0], j[0, 1], j[0, 2], j[1, 1], j[1, 2], j[2, 2]]
     return [1.0, body.mass, 1.0 / body.mass, *body.com, *body.inertia, *map(float, inverse)]
+
+
+def _stops(scene: Scene) -> list[float]:
+    """Bounds of length and angle, infinite where there is none, and the restitution."""
+    stops = scene.stops
+    low = [-math.inf if math.isnan(x) else x for x in (stops.l_min, stops.theta_min)]
+    high = [math.inf if math.isnan(x) else x for x in (stops.l_max, stops.theta_max)]
+    return [low[0], high[0], low[1], high[1], stops.restitution]
 
 
 def _friction(friction: Friction) -> list[float]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 # Parts of the public face that no method answers to yet: refused rather than ignored.
-NOT_SERVED = ("command", "tolerance", "latency", "stops.", "lock.")
+NOT_SERVED = ("tolerance", "latency")
 
 
 def check(scene: Scene) -> None:

@@ -31,6 +31,7 @@ from cylconn_ros.core.linear import Four, eigen2
 Two = tuple[float, float]
 
 MOST_STRETCHES = 500
+NOTHING = 1e-100  # N: below it squares leave the range of doubles
 
 
 class Disc(NamedTuple):
@@ -92,13 +93,13 @@ def reaction(d: Disc, phi: Two) -> Four:
 def _curve(d: Disc, theta: float) -> _Curve:
     x = (1.0 - theta) * d.s_minus[0] + theta * d.s_free[0]
     y = (1.0 - theta) * d.s_minus[1] + theta * d.s_free[1]
-    return _Curve(
-        d.cos * x + d.sin * y,
-        d.cos * y - d.sin * x,
-        theta * d.greater,
-        theta * d.lesser,
-        math.sqrt(x * x + y * y),
-    )
+    a, b = d.cos * x + d.sin * y, d.cos * y - d.sin * x
+    l1, l2 = theta * d.greater, theta * d.lesser
+    if b == 0.0:  # a held component at rest: it does not enter
+        l2 = l1
+    if a == 0.0:
+        l1 = l2
+    return _Curve(a, b, l1, l2, math.sqrt(x * x + y * y))
 
 
 @jit
@@ -114,6 +115,21 @@ def _spare(law: Law, par: Array, d: Disc, c: _Curve, r: float) -> Two:
     size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
     normal = contact(law, reaction(d, phi)).normal
     return limit(law, par, r * size, normal), size
+
+
+@jit
+def _ends(c: _Curve) -> bool:
+    """Whether the curve has an end at r = 0: not where a held component moves."""
+    return c.l1 > 0.0 and c.l2 > 0.0
+
+
+@jit
+def _sticks(law: Law, par: Array, d: Disc, c: _Curve) -> bool:
+    """Whether the end at r = 0 is within the limit."""
+    if not _ends(c):
+        return False
+    lim, size = _spare(law, par, d, c, 0.0)
+    return size <= lim
 
 
 @jit
@@ -224,15 +240,14 @@ def _free_of_roots(
 def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool) -> float:
     """The greatest r of a root; 0.0: there is none (stick), inf: phi = 0 solves."""
     growth = _growth(law, d)
-    spread = (c.l1 + c.l2) / (
-        2.0 * math.sqrt(c.l1 * c.l2)
-    )  # |d phi| / d|phi| at most (Kantorovich)
-    fixed = law.rate_slope == 0.0 and law.force_slope == 0.0
-    only_one = fixed and law.kinetic * growth * spread < 1.0
+    only_one = False
+    if law.rate_slope == 0.0 and law.force_slope == 0.0 and _ends(c):
+        spread = (c.l1 + c.l2) / (2.0 * math.sqrt(c.l1 * c.l2))  # |d phi| / d|phi|, Kantorovich
+        only_one = law.kinetic * growth * spread < 1.0
     if only_one and stick_admissible:
         return 0.0
     resting = limit(law, par, c.size, contact(law, d.base).normal)
-    if resting <= 0.0:
+    if resting <= NOTHING:
         return math.inf
     high = c.size / resting
     if only_one:  # |phi| <= |s~free| / r, so one of these is beyond the root
@@ -279,12 +294,14 @@ def _searched(law: Law, par: Array, d: Disc, c: _Curve, high: float) -> float:
     It happens where limit and traction all but touch over a long stretch, with a coefficient that
     varies.
     """
-    while high > 1e-13 * c.l2:
+    while high > 1e-13 * c.l2 + 1e-290:
         low = 0.98 * high
         lim, size = _spare(law, par, d, c, low)
         if lim < size:
             return _bracketed(law, par, d, c, low, high)
         high = low
+    if not _ends(c):
+        return high
     lim, size = _spare(law, par, d, c, 0.0)
     return 0.0 if lim >= size else _bracketed(law, par, d, c, 0.0, high)
 
@@ -296,8 +313,7 @@ def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
     end = _curve(d, 1.0)
     if end.size == 0.0:
         return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, flags)
-    lim, size = _spare(law, par, d, end, 0.0)
-    stick_admissible = size <= lim
+    stick_admissible = _sticks(law, par, d, end)
     if not (was_stick and stick_admissible):
         before = d.s_minus[0] ** 2 + d.s_minus[1] ** 2
         for attempt in range(2):
@@ -307,11 +323,8 @@ def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
             c = _curve(d, theta)
             if c.size == 0.0:
                 continue
-            if theta < 1.0:
-                lim, size = _spare(law, par, d, c, 0.0)
-                r = _first_root(law, par, d, c, size <= lim)
-            else:
-                r = _first_root(law, par, d, c, stick_admissible)
+            sticks = _sticks(law, par, d, c) if theta < 1.0 else stick_admissible
+            r = _first_root(law, par, d, c, sticks)
             if r == 0.0:
                 continue
             phi = _phi(d, c, r) if r < math.inf else (0.0, 0.0)

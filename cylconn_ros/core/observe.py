@@ -121,6 +121,9 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
         told = scale(0.5 * h, _sum(model.vector(mem, model.LAST_VELOCITY), rates.v))
         if norm(sub(moved, told)) > CONTRADICTION * (norm(moved) + norm(told)) + 1e-6:
             flags |= out_at.TWIST_CONTRADICTS
+        slid, spun = position[0] - mem[model.LAST_POSITION], angle - mem[model.LAST_ANGLE]
+        mem[model.ACTUATED] += mem[model.LAST_ACTUATION] * slid
+        mem[model.ACTUATED] += mem[model.LAST_ACTUATION + 1] * spun
     _account(mem, a, model.LAST_A, h)
     _account(mem, b, model.LAST_B, h)
 
@@ -154,6 +157,15 @@ def _start(par: Array, mem: Array, position: Vector, angle: float, m2: float, m3
     hold = par[model.REFERENCE + 1] != 0.0
     mem[model.TARGET + 2] = m2 if hold else 0.0
     mem[model.TARGET + 3] = m3 if hold else 0.0
+    mem[model.SPRING0] = _spring_energy(par, mem, position[0], angle)
+
+
+@jit
+def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float:
+    """Energy in the springs on slide and spin, J."""
+    u1 = length - model.given(par[model.REFERENCE + 2], mem[model.LENGTH0])
+    ur = angle - model.given(par[model.REFERENCE + 3], mem[model.ANGLE0])
+    return 0.5 * (par[model.ELASTICITY] * u1 * u1 + par[model.ELASTICITY + 1] * ur * ur)
 
 
 @jit
@@ -196,7 +208,8 @@ def _write(
     out[out_at.VELOCITY_VIOLATION] = math.sqrt(rates.v[1] * rates.v[1] + rates.v[2] * rates.v[2])
     out[out_at.SPIN_VIOLATION] = math.sqrt(rates.w[1] * rates.w[1] + rates.w[2] * rates.w[2])
     out[out_at.ENERGY_EXCHANGED] = mem[model.EXCHANGED]
-    out[out_at.PASSIVITY_BALANCE] = mem[model.WORK]
+    stored = _spring_energy(par, mem, position[0], angle) - mem[model.SPRING0]
+    out[out_at.PASSIVITY_BALANCE] = mem[model.WORK] + stored - mem[model.ACTUATED]
     radius = par[model.FRICTION + 5]
     s1, s2 = rates.v[0], radius * rates.w[0]
     out[out_at.SLIP_VELOCITY], out[out_at.SLIP_VELOCITY + 1] = s1, s2

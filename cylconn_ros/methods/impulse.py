@@ -135,17 +135,16 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
 
     # friction, springs and dampers on what is left; then the reactions
     av = available(par, mem, o, reduced, h, explicit)
-    f1 = av.spring[0] + av.damper[0] + av.friction[0]
-    m1 = av.spring[1] + av.damper[1] + av.friction[1]
+    f1, m1 = mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1]
     force = (f1, av.constraint[0], av.constraint[1])
     moment = (m1, av.constraint[2], av.constraint[3])
-    flags |= av.flags
+    flags |= av.solved.flags
     flags |= write_wrenches(
         par, mem, out, f, force, moment, body_a, body_b, o.a, o.b,
         free_a.orientation, free_b.orientation,
     )  # fmt: skip
     report(par, mem, out, o, reduced, av, force, moment, h)
-    out[out_at.RESIDUAL] = max(av.residual, _unmet(g, wf, turning, target, force, moment, h))
+    out[out_at.RESIDUAL] = max(av.solved.residual, _unmet(g, wf, turning, target, force, moment, h))
     if mem[model.STUCK] >= STOPPED_AFTER:
         flags |= out_at.STOPPED
     return flags
