@@ -26,6 +26,7 @@ def check(scene: Scene) -> None:
     _check_friction(scene.friction)
     _check_stops(scene)
     _check_lock(scene)
+    _check_command(scene)
     _check_served(scene)
     if scene.period > 0.0 and scene.stamp_tolerance >= 0.5 * scene.period:
         raise SceneError(
@@ -146,6 +147,26 @@ def _check_stops(scene: Scene) -> None:
         if low >= high:  # False where either is not set
             raise SceneError(
                 f"stops.{name}_max = {show(high)}: must be > stops.{name}_min ({show(low)} {unit})"
+            )
+
+    for name, at, (end, low, high, unit) in zip(
+        ("length", "angle"), (scene.reference.length, scene.reference.angle), bounds, strict=True
+    ):
+        if at < low or at > high:  # False where any is not set
+            ends = [" none" if math.isnan(x) else f" {show(x)}" for x in (low, high)]
+            raise SceneError(
+                f"reference.{name} = {show(at)}: must be within stops.{end}_min and "
+                f"stops.{end}_max ({ends[0].strip()} to{ends[1]} {unit})"
+            )
+
+
+def _check_command(scene: Scene) -> None:
+    for name, imposed in (("slide", scene.command.slide), ("spin", scene.command.spin)):
+        moves = not (math.isnan(imposed.position) and math.isnan(imposed.velocity))
+        if moves and not math.isnan(imposed.force):
+            raise SceneError(
+                f"command.{name}.force = {show(imposed.force)}: must not be given with a motion "
+                f"(command.{name}.position or command.{name}.velocity)"
             )
 
 

@@ -75,9 +75,9 @@ def slide_and_spin(scene: Scene, duration: float | None = None, points: int = 20
     )
     if not solution.success:
         raise RuntimeError(f"the reference did not integrate: {solution.message}")
-    t = np.linspace(0.0, end, points)
-    y = solution.sol(np.minimum(t, solution.t[-1]))
-    normal = np.array([sleeve.accelerations(column)[2] for column in y.T])
+    t: Array = np.linspace(0.0, end, points, dtype=np.float64)
+    y: Array = solution.sol(np.minimum(t, solution.t[-1]))
+    normal: Array = np.array([sleeve.accelerations(column)[2] for column in y.T])
     stop_time, last = np.inf, solution.y[:, -1]
     if solution.status == 1:
         a = sleeve.accelerations(last)
