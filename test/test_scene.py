@@ -165,7 +165,7 @@ def test_table_is_a_group_that_may_be_absent():
         ),
         (
             {"stops__theta_min": 0.5, "reference__angle": 0.0},
-            "reference.angle = 0.0: must be within stops.theta_min and stops.theta_max (0.5 to none",
+            "reference.angle = 0.0: must be within stops.theta_min and stops.theta_max (0.5 to",
         ),
         (
             {"command__slide__force": 1.0, "command__slide__velocity": 2.0},
