@@ -99,3 +99,26 @@ def test_swings_need_an_arm_or_a_stiffness() -> None:
     )
     with pytest.raises(SceneError, match=r"penalty\.rotational_stiffness"):
         Connector(scene)
+
+
+def test_stops_locks_and_imposed_motion_are_springs_too() -> None:
+    still = {"gravity": [0.0, 0.0, 0.0], "friction": {**FRICTION, "coefficient": 0.0}}
+    stopped = run(unknown(sleeve(v=1.0, stops={"l_max": 0.25}, **still)), 0.5)
+    assert stopped.state("length").max() < 0.26
+    assert stopped.state("velocity")[-1, 0] <= 1e-9
+    assert 2 in stopped.outs[:, layout.STOP]
+    locked = run(
+        unknown(sleeve(v=1.0, lock={"component": "slide", "position": 0.25}, **still)), 0.5
+    )
+    assert locked.state("length")[-1] == pytest.approx(0.25, abs=1e-6)
+    assert locked.outs[-1, layout.LOCK] == 1
+    driven = run(unknown(sleeve(command={"slide": {"velocity": 0.2}}, **still)), 1.0)
+    assert driven.state("displacement")[-1] == pytest.approx(0.2, rel=1e-3)
+    pushed = run(unknown(sleeve(command={"slide": {"force": 6.0}}, **still)), 1.0)
+    assert pushed.state("displacement")[-1] == pytest.approx(1.5, rel=1e-9)
+    for found in (stopped, locked, driven, pushed):
+        parts = sum(
+            found.state(f"force_{part}")
+            for part in ("elastic", "viscous", "friction", "actuation", "reaction")
+        )
+        np.testing.assert_allclose(parts, found.state("force")[:, 0], atol=1e-12)

@@ -5,9 +5,7 @@ reaction p obeys 0 <= p _|_ w+ - t >= 0. What a single held wrench can do, over 
 
     contact          t = -gap/h - w/2            lands on the bound at rest, in two steps
     impact, 1st      t = w (T - 1/2 - eps (3/2 - T)),   T = -gap/(h w) in [1/2, 3/2)
-    impact, 2nd      t = -eps w of the impact    position and speed of the bounce are then those of
-                                                 an instantaneous impact at T h: no timing error is
-                                                 left
+    impact, 2nd      t = -eps w of the first     leaves the bounce of an instant impact at T h
     lock, motion     w+ = vc - (x - xc)/h - (w - vc)/2, both ways
 
 An impact begins when the bound would be passed within one and a half steps. Where positions follow
@@ -112,6 +110,33 @@ def bounds(
     if low > high:  # no room between the stops: hold the middle
         low = high = 0.5 * (low + high)
     return Bounds(low, high, impact)
+
+
+@jit
+def imposed(par: Array, k: int) -> bool:
+    """Whether a motion is imposed on component k."""
+    at = model.COMMAND + 3 * k
+    return not (math.isnan(par[at]) and math.isnan(par[at + 1]))
+
+
+@jit
+def imposed_force(par: Array, k: int) -> float:
+    """The force or moment imposed on component k."""
+    return model.given(par[model.COMMAND + 3 * k + 2], 0.0)
+
+
+@jit
+def start_imposed(par: Array, mem: Array, k: int, x: float) -> None:
+    """An imposed motion starts from its commanded position, or from where the component is."""
+    if math.isnan(mem[model.IMPOSED_AT + k]) or mem[model.LAST_PERIOD] == 0.0:
+        mem[model.IMPOSED_AT + k] = model.given(par[model.COMMAND + 3 * k], x)
+
+
+@jit
+def advance_imposed(par: Array, mem: Array, h: float) -> None:
+    """Imposed motions go on with their velocities."""
+    for k in range(2):
+        mem[model.IMPOSED_AT + k] += h * model.given(par[model.COMMAND + 3 * k + 1], 0.0)
 
 
 @jit

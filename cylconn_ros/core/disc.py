@@ -2,8 +2,8 @@
 
 After the constrained components are eliminated two unknowns are left, phi = (f1f, m1f/R), with
 
-    s+      = s_free + S phi               the slip velocity at the end; S symmetric, positive
-    definite s~      = (1 - theta) s- + theta s+    the one that friction opposes; theta = 1/2 or 1
+    s+      = s_free + S phi               slip velocity at the end; S symmetric, >= 0
+    s~      = (1 - theta) s- + theta s+    the one that friction opposes; theta = 1/2 or 1
     (f, m)c = base + c1 phi1 + c2 phi2     the constraint reactions, hence FN
 
     stick:   s+ = 0           and  |phi| <= limit(0, FN(phi))

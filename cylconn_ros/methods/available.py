@@ -14,7 +14,18 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.answer import write_contact, write_forces
-from cylconn_ros.core.bounds import Bounds, Held, Two, bounds, hold, locks
+from cylconn_ros.core.bounds import (
+    Bounds,
+    Held,
+    Two,
+    advance_imposed,
+    bounds,
+    hold,
+    imposed,
+    imposed_force,
+    locks,
+    start_imposed,
+)
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.disc import disc_problem, reaction, solve_disc
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
@@ -79,10 +90,7 @@ def available(
 ) -> Available:
     """Everything on slide and spin; remembers stick, impacts and locks."""
     v1, w1 = o.twist.v[0], o.twist.w[0]
-    actuation = (
-        model.given(par[model.COMMAND + 2], 0.0),
-        model.given(par[model.COMMAND + 5], 0.0),
-    )
+    actuation = (imposed_force(par, 0), imposed_force(par, 1))
     sp = _sprung(par, mem, o, r, h, actuation)
     component = int(par[model.LOCK])
     locked = False
@@ -90,7 +98,8 @@ def available(
         locked = locks(par, mem, o.length, v1, h)
     elif component == 2:
         locked = locks(par, mem, o.angle, w1, h)
-    _start_imposed(par, mem, o)
+    start_imposed(par, mem, 0, o.length)
+    start_imposed(par, mem, 1, o.angle)
 
     eps = par[model.STOPS + 4]
     b1 = bounds(par, mem, 0, o.length, v1, h, eps, locked and component == 1)
@@ -101,14 +110,14 @@ def available(
         b2 = bounds(par, mem, 1, o.angle, w1, h, eps, locked and component == 2)
     solved, sides = _within(par, mem, o, r, sp, h, explicit, b1, b2)
 
-    stop = _stop_bits(b1, sides[0], 1, 2) | _stop_bits(b2, sides[1], 4, 8)
-    if locked or _imposed(par, 0) or (component == 1 and locked):
-        stop &= ~3 if (_imposed(par, 0) or component == 1) else ~0
-    if _imposed(par, 1) or (locked and component == 2):
-        stop &= ~12
+    stop = 0
+    if not (imposed(par, 0) or (locked and component == 1)):
+        stop |= _stop_bits(sides[0])
+    if not (imposed(par, 1) or (locked and component == 2)):
+        stop |= _stop_bits(sides[1]) << 2
     restitution = _remember_impacts(mem, o, b1, b2, eps)
     _remember_friction(par, mem, o, solved, h)
-    _advance_imposed(par, mem, h)
+    advance_imposed(par, mem, h)
     at = model.ELASTICITY
     k1, kr, c1, cr = par[at], par[at + 1], par[at + 2], par[at + 3]
     u1, ur = _stretch(par, mem, o)
@@ -119,7 +128,7 @@ def available(
     m1 = spring[1] + damper[1] + actuation[1] + solved.friction[1] + solved.reaction[1]
     mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1] = f1, m1
     for k in range(2):
-        drive = solved.reaction[k] if _imposed(par, k) else 0.0
+        drive = solved.reaction[k] if imposed(par, k) else 0.0
         mem[model.LAST_ACTUATION + k] = actuation[k] + drive
     lock = component if locked else 0
     return Available(
@@ -128,17 +137,11 @@ def available(
 
 
 @jit
-def _stop_bits(b: Bounds, side: int, low: int, high: int) -> int:
-    """Which stop is in contact."""
+def _stop_bits(side: int) -> int:
+    """Which stop of a component is in contact: 1 the lower, 2 the upper."""
     if side < 0:
-        return low
-    return high if side > 0 else 0
-
-
-@jit
-def _imposed(par: Array, k: int) -> bool:
-    at = model.COMMAND + 3 * k
-    return not (math.isnan(par[at]) and math.isnan(par[at + 1]))
+        return 1
+    return 2 if side > 0 else 0
 
 
 @jit
@@ -321,20 +324,6 @@ def _remember_impacts(mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: floa
             mem[model.PENDING_RATE + k] = -eps * rates[k]
             mem[model.PENDING_RESTITUTION] = eps
     return acting
-
-
-@jit
-def _start_imposed(par: Array, mem: Array, o: Observed) -> None:
-    """Imposed motion starts from its commanded position."""
-    for k in range(2):
-        if math.isnan(mem[model.IMPOSED_AT + k]) or mem[model.LAST_PERIOD] == 0.0:
-            mem[model.IMPOSED_AT + k] = par[model.COMMAND + 3 * k]
-
-
-@jit
-def _advance_imposed(par: Array, mem: Array, h: float) -> None:
-    for k in range(2):
-        mem[model.IMPOSED_AT + k] += h * model.given(par[model.COMMAND + 3 * k + 1], 0.0)
 
 
 @jit

@@ -3,10 +3,10 @@
 The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b in the axes of a, held over the coming
 period h:
 
-    v+ = vf + h M^-1 J~^T Lambda            vf: the free velocity, gravity, loads and gyroscopic
-    terms w+ = J~ v+                              relative twist at node b, J~ in the configuration
-    q~ w+_c = target_c                         c: the constrained components y, z and both swings
-    s+ = (v1, R w1)+ and friction           see core/disc.py
+    v+ = vf + h M^-1 J~^T Lambda       vf: free velocity, of gravity, loads, gyroscopic terms
+    w+ = J~ v+                         relative twist at node b, J~ in the configuration q~
+    w+_c = target_c                    c: the constrained components, y, z and both swings
+    s+ = (v1, R w1)+ and friction      see core/disc.py
 
 q~ is the middle of the step. Each mass centre stands at its mean over the free step, x + h v/2 +
 h^2 a/6, and as a body's own force does not move it across that force, the two wrenches exchange

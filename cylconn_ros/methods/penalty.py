@@ -1,8 +1,8 @@
 """Unknown inertia: spring-dampers on the constraints, elastic stick on the available components.
 
-    f_c = -k e - c w_c                      e the constraint's error, w_c its rate; k, c for offsets
-    and swings phi = -ks d - cs s,  |phi| <= mu FN     d the elastic slip, carried along by s;
-    brought back onto the disc
+    f_c = -k e - c w_c                     e the constraint's error, w_c its rate
+    phi = -ks d - cs s,  |phi| <= mu FN    d the elastic slip, carried along by s
+    p   = -k (x - xc) - c (w - vc)         of a lock or an imposed motion; of a stop pushing only
 
 FN is made of this sample's f_c, so friction and reactions are of the same step; as neither depends
 on the other through the (unknown) inertia, no system is solved. When phi leaves the disc it is
@@ -10,7 +10,7 @@ brought back radially and d is what the spring alone then holds. The wrench acts
 measured.
 
 What a sampled spring can be: k <= m/h^2 and c of the order of m/h, with m the lighter body's mass.
-It is the user's to choose, since only the user may know m.
+It is the user's to choose, since only the user may know m. Restitution is what the damper makes it.
 """
 
 import math
@@ -18,6 +18,13 @@ import math
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.answer import write_contact, write_forces, write_wrenches
+from cylconn_ros.core.bounds import (
+    advance_imposed,
+    imposed,
+    imposed_force,
+    locks,
+    start_imposed,
+)
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.linear import Four
@@ -54,15 +61,25 @@ def answer(par: Array, mem: Array, out: Array, o: Observed, constraint: Four, h:
     spring = (-par[elastic] * u1, -par[elastic + 1] * ur)
     damper = (-par[elastic + 2] * v[0], -par[elastic + 3] * w[0])
     friction, regime = _friction(par, mem, out, o, constraint, h)
+    p1, stop1, lock1 = _reaction(par, mem, 0, o.length, v[0], h)
+    p2, stop2, lock2 = _reaction(par, mem, 1, o.angle, w[0], h)
+    drive1, drive2 = imposed_force(par, 0), imposed_force(par, 1)
+    advance_imposed(par, mem, h)
 
-    f1 = spring[0] + damper[0] + friction[0]
-    m1 = spring[1] + damper[1] + friction[1]
+    f1 = spring[0] + damper[0] + friction[0] + drive1 + p1
+    m1 = spring[1] + damper[1] + friction[1] + drive2 + p2
+    mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1] = f1, m1
+    mem[model.LAST_ACTUATION] = drive1 + (p1 if imposed(par, 0) else 0.0)
+    mem[model.LAST_ACTUATION + 1] = drive2 + (p2 if imposed(par, 1) else 0.0)
     force = (f1, constraint[0], constraint[1])
     moment = (m1, constraint[2], constraint[3])
     write_forces(out, force, moment)
     out[out_at.FORCE_ELASTIC], out[out_at.MOMENT_ELASTIC] = spring
     out[out_at.FORCE_VISCOUS], out[out_at.MOMENT_VISCOUS] = damper
     out[out_at.FORCE_FRICTION], out[out_at.MOMENT_FRICTION] = friction
+    out[out_at.FORCE_ACTUATION], out[out_at.MOMENT_ACTUATION] = drive1, drive2
+    out[out_at.FORCE_REACTION], out[out_at.MOMENT_REACTION] = p1, p2
+    out[out_at.STOP], out[out_at.LOCK] = stop1 | stop2 << 2, lock1 | lock2 << 1
     out[out_at.REGIME] = regime
     out[out_at.ACCUMULATED_SLIP] = mem[model.SLIPPED]
     out[out_at.STOP_TIME] = -1.0
@@ -76,6 +93,26 @@ def answer(par: Array, mem: Array, out: Array, o: Observed, constraint: Four, h:
         turned(o.a.orientation, scale(0.5 * h, o.a.spin)),
         turned(o.b.orientation, scale(0.5 * h, o.b.spin)),
     )  # fmt: skip
+
+
+@jit
+def _reaction(
+    par: Array, mem: Array, k: int, x: float, w: float, h: float
+) -> tuple[float, int, int]:
+    """Force of stops, lock or imposed motion on component k; which stop (1, 2) and lock (1)."""
+    stiff, damp = par[model.PENALTY + k], par[model.PENALTY + 2 + k]
+    rate = model.given(par[model.COMMAND + 3 * k + 1], 0.0)
+    if int(par[model.LOCK]) == k + 1 and locks(par, mem, x, w, h):
+        return -stiff * (x - mem[model.LOCKED_AT]) - damp * w, 0, 1
+    start_imposed(par, mem, k, x)
+    if imposed(par, k):
+        return -stiff * (x - mem[model.IMPOSED_AT + k]) - damp * (w - rate), 0, 0
+    below, above = x - par[model.STOPS + 2 * k], par[model.STOPS + 2 * k + 1] - x
+    if below < 0.0:
+        return max(-stiff * below - damp * w, 0.0), 1, 0
+    if above < 0.0:
+        return -max(-stiff * above + damp * w, 0.0), 2, 0
+    return 0.0, 0, 0
 
 
 @jit
