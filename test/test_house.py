@@ -17,8 +17,10 @@ FLOORS = {
     "methods": 1,
     "connector": 2,
     "recording": 3,
+    "reference": 3,
+    "bench": 4,
     "plots": 4,
-    "reference": 4,
+    "laws": 4,
     "ros": 4,
     "cli": 5,
 }

@@ -1,0 +1,53 @@
+"""The law of friction, written from semantics: contact forces, coefficient, limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.laws.parameters import Parameters, Table
+
+Array = NDArray[np.float64]
+
+
+def contact(p: Parameters, force: Array, moment: Array) -> tuple[Array, Array, Array, Array]:
+    """Fr, Mbend, Fbend = 2 Mbend / L, FN = |Fr + Fbend + FCint| of (n, 3) force and moment."""
+    radial = np.hypot(force[:, 1], force[:, 2])
+    bending = np.hypot(moment[:, 1], moment[:, 2])
+    lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
+    return radial, bending, lever * bending, np.abs(radial + lever * bending + p.preload)
+
+
+def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
+    """(n,) mu at slip rate |s| and contact force FN."""
+    with np.errstate(under="ignore"):
+        mu = p.kinetic + (p.static - p.kinetic) * np.exp(-p.decay * rate)
+    for number in np.unique(p.table[p.table >= 0]):
+        rows = p.table == number
+        mu[rows] = interpolated(tables[number], rate[rows], normal[rows])
+    return mu
+
+
+def interpolated(table: Table, rate: Array, force: Array) -> Array:
+    """(n,) bilinear in the table, constant beyond its ends."""
+    i, t = _place(table.rates, rate)
+    j, u = _place(table.forces, force)
+    k, m = np.minimum(i + 1, len(table.rates) - 1), np.minimum(j + 1, len(table.forces) - 1)
+    low = (1.0 - u) * table.values[i, j] + u * table.values[i, m]
+    high = (1.0 - u) * table.values[k, j] + u * table.values[k, m]
+    return np.asarray((1.0 - t) * low + t * high)
+
+
+def _place(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
+    x = np.clip(x, axis[0], axis[-1])
+    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, max(len(axis) - 2, 0))
+    if len(axis) == 1:
+        return i, np.zeros_like(x)
+    return i, (x - axis[i]) / (axis[i + 1] - axis[i])
+
+
+def limit(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
+    """(n,) the greatest traction: min(cap, mu FN)."""
+    return np.minimum(p.cap, coefficient(p, tables, rate, normal) * normal)

@@ -1,0 +1,182 @@
+"""What a sample says, and what the connector may remember of the earlier ones.
+
+The relative twist of b against a at node b is written w = (v1 v2 v3 w1 w2 w3), axes of a. Every
+quantity that a law sums up comes with its size: the sum of the absolute values of its terms.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import layout
+from cylconn_ros.laws import rigid
+from cylconn_ros.laws.parameters import Bodies, Bools, Parameters, Rows
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass
+class History(Rows):
+    """What is known of the samples before: one row a connector."""
+
+    started: Bools
+    target: Array  # (n, 4) of y, z and both swings
+    axes_b: Array  # (n, 4) node b's axes in body B
+    start: Array  # (n, 2) length and angle of the reference configuration
+    stuck: Array  # (n,) stuck samples in a row, up to the last one
+    held: Array  # (n, 2) the place that stick holds
+    angle: Array  # (n,) the last angle, its rate and the period it was followed by
+    spin: Array
+    period: Array
+
+
+def no_history(n: int) -> History:
+    """Connectors that have seen nothing yet."""
+    return History(
+        started=np.zeros(n, dtype=np.bool_),
+        target=np.zeros((n, 4)),
+        axes_b=np.zeros((n, 4)),
+        start=np.zeros((n, 2)),
+        stuck=np.zeros(n),
+        held=np.zeros((n, 2)),
+        angle=np.zeros(n),
+        spin=np.zeros(n),
+        period=np.zeros(n),
+    )
+
+
+@dataclasses.dataclass
+class Motion(Rows):
+    """Where bodies are and how they move, at their mass centres, world axes."""
+
+    com: Array
+    orientation: Array
+    velocity: Array
+    spin: Array
+
+
+@dataclasses.dataclass
+class Frame(Rows):
+    """The connector in one configuration: axes of a, and node b from both mass centres."""
+
+    axes: Array  # (n, 3, 3)
+    arm_a: Array
+    arm_b: Array
+
+
+@dataclasses.dataclass
+class Observed(Rows):
+    """A sample in the connector's own quantities."""
+
+    a: Motion
+    b: Motion
+    frame: Frame
+    w: Array  # (n, 6) w-
+    w_size: Array
+    place: Array  # (n, 2) l and the angle
+    place_size: Array
+    error: Array  # (n, 4) of y, z and both swings, less their targets
+    error_size: Array
+    target: Array  # (n, 4) of y, z and both swings
+    held: Array  # (n, 2) the place that stick holds, here or before
+    holding: Bools  # stuck at the last sample: a place is held
+    new_hold: Bools  # here: nothing to bring back yet
+    start: Array  # (n, 2) length and angle of the reference configuration
+
+
+def motion(body: Bodies, sample: Array, pose: int, twist: int) -> Motion:
+    """The motion of the mass centres."""
+    q = rigid.normalised(sample[:, pose + 3 : pose + 7])
+    spin = sample[:, twist + 3 : twist + 6]
+    arm = rigid.out_of(rigid.matrix(q), body.com)
+    velocity = sample[:, twist : twist + 3] + np.cross(spin, arm)
+    return Motion(sample[:, pose : pose + 3] + arm, q, velocity, spin)
+
+
+def frame(p: Parameters, a: Motion, b: Motion) -> Frame:
+    """The connector's frame; the wrench acts at node b on both bodies."""
+    arm_b = rigid.out_of(rigid.matrix(b.orientation), p.b.node)
+    axes = rigid.matrix(rigid.multiply(a.orientation, p.axes_a))
+    return Frame(axes, b.com - a.com + arm_b, arm_b)
+
+
+def relative(f: Frame, va: Array, wa: Array, vb: Array, wb: Array) -> tuple[Array, Array]:
+    """J (v, w of A, v, w of B): (n, 6) and its size, down to the single products."""
+    linear = vb - va + np.cross(wb, f.arm_b) - np.cross(wa, f.arm_a)
+    linear_size = np.abs(vb) + np.abs(va)
+    linear_size += rigid.cross_size(wb, f.arm_b) + rigid.cross_size(wa, f.arm_a)
+    axes = np.abs(f.axes)
+    total = [rigid.into(f.axes, linear), rigid.into(f.axes, wb - wa)]
+    size = [rigid.into(axes, linear_size), rigid.into(axes, np.abs(wb) + np.abs(wa))]
+    return np.concatenate(total, axis=1), np.concatenate(size, axis=1)
+
+
+def observe(p: Parameters, sample: Array, past: History) -> Observed:
+    """Look at one sample (n, NSAMPLE) of n connectors."""
+    a = motion(p.a, sample, layout.A_POSE, layout.A_TWIST)
+    b = motion(p.b, sample, layout.B_POSE, layout.B_TWIST)
+    f = frame(p, a, b)
+    w, w_size = relative(f, a.velocity, a.spin, b.velocity, b.spin)
+    d = rigid.into(f.axes, f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node))
+    far = rigid.into(np.abs(f.axes), np.abs(a.com) + np.abs(b.com) + np.abs(f.arm_b))
+    seen = rigid.multiply(
+        rigid.conjugate(rigid.multiply(a.orientation, p.axes_a)),
+        rigid.multiply(b.orientation, _axes_b(p, a, b, past)),
+    )
+    swing, angle = rigid.swing(seen), rigid.twist_angle(seen)
+    predicted = past.angle + 0.5 * past.period * (past.spin + w[:, 3])
+    turns = np.floor((predicted - angle) / (2.0 * np.pi) + 0.5)
+    angle = np.where(past.started, angle + 2.0 * np.pi * turns, angle)
+    place = np.stack([d[:, 0], angle], axis=1)
+    found = np.concatenate([d[:, 1:], swing], axis=1)
+    first = np.where(_held_rows(p), found, 0.0)
+    target = np.where(past.started[:, None], past.target, first)
+    error = (found - target) * np.array([1.0, 1.0, -1.0, -1.0])
+    ones = np.ones((len(sample), 2))
+    new_hold = ((past.stuck <= 1.0) | ~past.started)[:, None]
+    return Observed(
+        a=a,
+        b=b,
+        frame=f,
+        w=w,
+        w_size=w_size,
+        place=place,
+        place_size=np.stack([far[:, 0], 1.0 + np.abs(angle)], axis=1),
+        error=error,
+        error_size=np.concatenate([far[:, 1:], 2.0 * ones], axis=1) + np.abs(target),
+        target=target,
+        held=np.where(new_hold, place, past.held),
+        holding=past.stuck >= 1.0,
+        new_hold=past.stuck <= 1.0,
+        start=np.where(past.started[:, None], past.start, place),
+    )
+
+
+def _axes_b(p: Parameters, a: Motion, b: Motion, past: History) -> Array:
+    """Node b's axes in body B: given, or as node a's in the reference configuration."""
+    aligned = rigid.normalised(
+        rigid.multiply(rigid.conjugate(b.orientation), rigid.multiply(a.orientation, p.axes_a))
+    )
+    first = np.where(np.isnan(p.axes_b[:, :1]), aligned, p.axes_b)
+    return np.asarray(np.where(past.started[:, None], past.axes_b, first))
+
+
+def _held_rows(p: Parameters) -> Bools:
+    hold = [p.hold_offsets, p.hold_offsets, p.hold_misalignment, p.hold_misalignment]
+    return np.stack(hold, axis=1)
+
+
+def remember(p: Parameters, o: Observed, past: History, stick: Bools) -> History:
+    """The history after the sample ``o`` was answered; ``stick``: the answers' regime."""
+    return History(
+        started=np.ones_like(past.started),
+        target=o.target,
+        axes_b=_axes_b(p, o.a, o.b, past),
+        start=o.start,
+        stuck=np.where(stick, past.stuck + 1.0, 0.0),
+        held=o.held,
+        angle=o.place[:, 1],
+        spin=o.w[:, 3],
+        period=p.h,
+    )

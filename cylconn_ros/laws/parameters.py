@@ -1,0 +1,165 @@
+"""Scenes as columns: one row a parameter set, taken by index for the samples that belong to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.scene import Body, Friction, Scene
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Rows:
+    """A dataclass of arrays with one row each per sample (or of such dataclasses)."""
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Rows:
+        """The rows of ``index``, for every column."""
+        values = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            values[field.name] = value.take(index) if isinstance(value, Rows) else value[index]
+        return type(self)(**values)
+
+
+@dataclasses.dataclass
+class Bodies(Rows):
+    """One side's bodies. A body of infinite inertia has no mass centre: its origin stands in."""
+
+    free: Bools  # (n,)
+    inverse_mass: Array  # (n,) 0: infinite
+    com: Array  # (n, 3) from the body frame's origin, body axes
+    inertia: Array  # (n, 3, 3) about the mass centre
+    inverse_inertia: Array  # (n, 3, 3) zeros: infinite
+    node: Array  # (n, 3) the connector's end from the mass centre, body axes
+
+
+@dataclasses.dataclass
+class Parameters(Rows):
+    """What the laws depend on, SI units."""
+
+    h: Array  # (n,) period; 0: from the stamps
+    gravity: Array  # (n, 3)
+    a: Bodies
+    b: Bodies
+    axes_a: Array  # (n, 4) node a's axes in body A
+    axes_b: Array  # (n, 4) node b's in body B; NaN: as a's in the reference configuration
+    hold_offsets: Bools
+    hold_misalignment: Bools
+    pull_in_speed: Array
+    pull_in_rate: Array
+    reference: Array  # (n, 2) l1ref, theta1ref; NaN: the first sample's
+    stiffness: Array  # (n, 2) k1, kr1
+    damping: Array  # (n, 2) c1, cr1
+    on: Bools  # friction
+    kinetic: Array
+    static: Array
+    decay: Array
+    cap: Array
+    radius: Array  # 1 where there is no friction
+    overlap: Array
+    preload: Array
+    table: Array  # (n,) which of `tables`; -1: none
+    explicit: Bools  # the plant integrates semi-implicitly
+    held_in_body: Bools
+    world_axes: Bools
+    at_com: Bools
+    force_limit: Array
+    torque_limit: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A friction coefficient over slip rate and contact force."""
+
+    rates: Array
+    forces: Array
+    values: Array  # (rates, forces)
+
+
+def tables_of(scenes: Sequence[Scene]) -> list[Table]:
+    """The friction tables of the scenes that have one, in order."""
+    found = []
+    for scene in scenes:
+        table = scene.friction.table
+        if table is not None:
+            grid = np.array(table.values).reshape(len(table.rates), len(table.forces))
+            found.append(Table(np.array(table.rates), np.array(table.forces), grid))
+    return found
+
+
+def parameters_of(scenes: Sequence[Scene]) -> Parameters:
+    """The columns of ``scenes``, a row each; ``table`` counts as :func:`tables_of` does."""
+    friction = [scene.friction for scene in scenes]
+    has_table = np.array([f.table is not None for f in friction])
+    absent = (math.nan,) * 4
+    return Parameters(
+        h=_column([s.period for s in scenes]),
+        gravity=_column([s.gravity for s in scenes]),
+        a=_bodies([s.body_a for s in scenes], [s.node_a.position for s in scenes]),
+        b=_bodies([s.body_b for s in scenes], [s.node_b.position for s in scenes]),
+        axes_a=_column([s.node_a.orientation for s in scenes]),
+        axes_b=_column([s.node_b.orientation or absent for s in scenes]),
+        hold_offsets=np.array([s.reference.offsets == "hold" for s in scenes]),
+        hold_misalignment=np.array([s.reference.misalignment == "hold" for s in scenes]),
+        pull_in_speed=_column([s.reference.pull_in_speed for s in scenes]),
+        pull_in_rate=_column([s.reference.pull_in_rate for s in scenes]),
+        reference=_column([(s.reference.length, s.reference.angle) for s in scenes]),
+        stiffness=_column([(s.elasticity.k1, s.elasticity.kr1) for s in scenes]),
+        damping=_column([(s.damping.c1, s.damping.cr1) for s in scenes]),
+        on=np.array([f.on for f in friction]),
+        kinetic=_column([f.coefficient for f in friction]),
+        static=_column([_static(f) for f in friction]),
+        decay=_column([f.decay for f in friction]),
+        cap=_column([f.max_force for f in friction]),
+        radius=_column([1.0 if math.isnan(f.radius) else f.radius for f in friction]),
+        overlap=_column([f.overlap for f in friction]),
+        preload=_column([f.preload for f in friction]),
+        table=np.where(has_table, np.cumsum(has_table) - 1, -1),
+        explicit=np.array([s.plant_integration == "semi_implicit" for s in scenes]),
+        held_in_body=np.array([s.wrench.hold == "body" for s in scenes]),
+        world_axes=np.array([s.wrench.axes == "world" for s in scenes]),
+        at_com=np.array([s.wrench.point == "com" for s in scenes]),
+        force_limit=_column([s.limits.force for s in scenes]),
+        torque_limit=_column([s.limits.torque for s in scenes]),
+    )
+
+
+def _column(values: Sequence[object]) -> Array:
+    return np.array(values, dtype=np.float64)
+
+
+def _static(friction: Friction) -> float:
+    static = friction.static_coefficient
+    return friction.coefficient if math.isnan(static) else static
+
+
+def _bodies(bodies: Sequence[Body], nodes: Sequence[tuple[float, ...]]) -> Bodies:
+    n = len(bodies)
+    free = np.array([body.kind == "free" for body in bodies])
+    has_com = np.array([body.kind in ("free", "unknown") for body in bodies])
+    com = np.where(has_com[:, None], _column([body.com for body in bodies]), 0.0)
+    inertia = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
+    inverse = np.zeros((n, 3, 3))
+    inverse_mass = np.zeros(n)
+    for k in np.flatnonzero(free):
+        xx, xy, xz, yy, yz, zz = bodies[k].inertia
+        inertia[k] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        inverse[k] = np.linalg.inv(inertia[k])
+        inverse_mass[k] = 1.0 / bodies[k].mass
+    return Bodies(free, inverse_mass, com, inertia, inverse, _column(nodes) - com)
+
+
+def world(tensor: Array, axes: Array) -> Array:
+    """(n, 3, 3) tensors given in body axes, in world axes."""
+    return np.asarray(axes @ tensor @ axes.transpose(0, 2, 1))
+
+
+def with_period(p: Parameters, h: Array) -> Parameters:
+    """The parameters with another period in every row."""
+    return dataclasses.replace(p, h=h)

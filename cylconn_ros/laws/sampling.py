@@ -1,0 +1,115 @@
+"""Answers to random samples: connectors as black boxes, a few successive samples each.
+
+The next sample follows from the answer by a coarse step of our own, and loads change in between, so
+that stick after stick, slip after stick and the place that stick holds occur. The laws are those of
+one step and hold for any sample: nothing depends on how well that step is made.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.core import layout
+from cylconn_ros.laws import draw, rigid
+from cylconn_ros.laws.balance import received
+from cylconn_ros.laws.observed import History, no_history, observe, remember
+from cylconn_ros.laws.parameters import parameters_of, tables_of
+from cylconn_ros.laws.residual import Block
+from cylconn_ros.laws.step import begin
+
+Array = NDArray[np.float64]
+CHAINS = 16  # random starts of one scene
+LENGTH = 8  # successive samples of each
+FASTEST = 1e3  # m/s and rad/s
+
+
+class Answers(Protocol):
+    """What makes the answers of one scene: :class:`Connector` does."""
+
+    memory: Array
+
+    def step(self, sample: Array, h: float = 0.0, out: Array | None = None) -> Array:
+        """Answer one sample."""
+
+
+@dataclasses.dataclass
+class Drawn:
+    """A block of samples and where each one comes from."""
+
+    block: Block
+    number: NDArray[np.intp]  # (n,) of the scene
+    chain: NDArray[np.intp]  # (n,) of the start
+    place: NDArray[np.intp]  # (n,) in the chain
+
+
+def blocks(
+    seed: int, numbers: range, method: str, make: type[Connector] = Connector
+) -> Iterator[Drawn]:
+    """The samples of the scenes ``numbers``, a block for each place in the chains."""
+    scenes = [draw.scene(seed, number, method) for number in numbers]
+    tables = tables_of(scenes)
+    of = np.repeat(np.arange(len(scenes)), CHAINS)
+    chain = np.tile(np.arange(CHAINS), len(scenes))
+    p = parameters_of(scenes).take(of)
+    names = np.array([draw.family(number) for number in numbers])[of]
+    fixed = (
+        np.array([s.body_a.kind == "fixed" for s in scenes])[of],
+        np.array([s.body_b.kind == "fixed" for s in scenes])[of],
+    )
+    rng = draw.generator(seed, 1_000_000_000 + numbers.start)
+    sample = draw.states(rng, p, names, fixed)
+    draw.load(rng, p, sample, names)
+    past = no_history(len(of))
+    connectors = [make(scene) for scene in scenes]
+    memory = [connector.memory for connector in connectors for _ in range(CHAINS)]
+    for place in range(LENGTH):
+        out = np.empty((len(of), layout.NOUT))
+        for row, at in enumerate(of):
+            connector = connectors[at]
+            connector.memory = memory[row]
+            connector.step(sample[row], out=out[row])
+            memory[row] = connector.memory
+        block = Block(p, tables, sample, out, past)
+        yield Drawn(block, np.asarray(numbers)[of], chain, np.full(len(of), place))
+        sample, past = _next(rng, block, names)
+
+
+def _next(rng: draw.Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, History]:
+    """The samples after the answers, and the history that comes with them."""
+    p, sample, out = block.parameters, block.sample, block.out
+    o = observe(p, sample, block.past)
+    past = remember(p, o, block.past, out[:, layout.REGIME] == layout.STICK)
+    s = begin(p, o, sample)
+    after = sample.copy()
+    for body, m, half, inverse, gain, at, wrench in (
+        (p.a, o.a, s.half_a, s.inverse_a, s.gain_a, layout.A_POSE, layout.FORCE_A),
+        (p.b, o.b, s.half_b, s.inverse_b, s.gain_b, layout.B_POSE, layout.FORCE_B),
+    ):
+        force, torque = received(p, body, m.orientation, half, out[:, wrench : wrench + 6])
+        h = p.h[:, None]
+        velocity = m.velocity + gain[:, :3] + h * body.inverse_mass[:, None] * force
+        spin = m.spin + gain[:, 3:] + h * rigid.out_of(inverse, torque)
+        velocity, spin = _bounded(velocity), _bounded(spin)
+        com = m.com + 0.5 * h * (m.velocity + velocity)
+        q = rigid.turned(m.orientation, 0.5 * h * (m.spin + spin))
+        arm = rigid.out_of(rigid.matrix(q), body.com)
+        draw.put(after, at, com - arm, q, velocity - np.cross(spin, arm), spin)
+    fresh = after.copy()
+    draw.load(rng, p, fresh, names)
+    change = rng.random(len(after)) < 0.25
+    after[change, layout.LOADS] = fresh[change, layout.LOADS]
+    return after, past
+
+
+def _bounded(v: Array) -> Array:
+    """Vectors no longer than FASTEST: a coarse step may run away."""
+    size = rigid.norm(v)
+    return np.asarray(
+        v * np.where(size > FASTEST, FASTEST / np.where(size > 0, size, 1.0), 1.0)[:, None]
+    )

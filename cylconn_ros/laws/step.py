@@ -1,0 +1,186 @@
+"""The step with known inertia, written from its definition (docs/equations.md).
+
+    w+ = J~ (v_f + h M^-1 J~^T Lambda)        Lambda = (f1 f2 f3 m1 m2 m3) on B at node b, axes of a
+
+q~: orientations half a step on, mass centres at their mean over the free step. v_f: the free
+velocity, spin by the midpoint rule of Euler's equation. All rows for all samples at once.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import layout
+from cylconn_ros.laws import rigid
+from cylconn_ros.laws.observed import Frame, Motion, Observed, frame, relative
+from cylconn_ros.laws.parameters import Bodies, Parameters, Rows, world
+
+Array = NDArray[np.float64]
+CONSTRAINED = [1, 2, 4, 5]  # rows of w: y, z and both swings
+AVAILABLE = [0, 3]  # slide and spin
+
+
+@dataclasses.dataclass
+class Step(Rows):
+    """A step before its wrench is known; sizes are sums of absolute values of terms."""
+
+    frame: Frame  # in the configuration q~
+    half_a: Array  # (n, 4) orientations half a step on
+    half_b: Array
+    inverse_a: Array  # (n, 3, 3) inverse inertias in q~, world axes
+    inverse_b: Array
+    gain_a: Array  # (n, 6) what gravity, loads and gyroscopic terms add to v and w of A
+    gain_b: Array
+    free: Array  # (n, 6) J~ v_f
+    free_size: Array
+    bracket: Array  # (n, 6) (J(q^) - J~) v
+    bracket_size: Array
+    target: Array  # (n, 4) of the constrained rows
+    target_size: Array
+    hold: Array  # (n, 2) what stick adds to the rates of slide and spin to bring them back
+    hold_size: Array
+
+
+@dataclasses.dataclass
+class _Free(Rows):
+    """A body's free step: q~, and the two terms of its velocity."""
+
+    middle: Motion
+    half: Array
+    gain: Array  # h a
+    turn: Array  # h dw
+    turn_size: Array
+
+
+def _column(x: Array) -> Array:
+    return x[:, None]
+
+
+def _euler(
+    body: Bodies, orientation: Array, spin: Array, spin_size: Array, torque: Array, size: Array
+) -> tuple[Array, Array]:
+    """(n, 3) dw/dt of I dw/dt = torque - w x I w, world axes, and its size."""
+    axes = rigid.matrix(orientation)
+    w = rigid.into(axes, spin)
+    lever = rigid.into(axes, torque) - np.cross(w, rigid.out_of(body.inertia, w))
+    rate = rigid.out_of(axes, rigid.out_of(body.inverse_inertia, lever))
+    axes = np.abs(axes)
+    w = rigid.into(axes, spin_size)
+    lever = rigid.into(axes, size) + rigid.cross_size(w, rigid.out_of(np.abs(body.inertia), w))
+    return rate, rigid.out_of(axes, rigid.out_of(np.abs(body.inverse_inertia), lever))
+
+
+def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
+    h = _column(p.h)
+    explicit, free = _column(p.explicit), _column(body.free)
+    force = load[:, :3]
+    arm = rigid.out_of(rigid.matrix(m.orientation), body.com)
+    torque = load[:, 3:] - np.cross(arm, force)  # about the mass centre
+    size = np.abs(load[:, 3:]) + rigid.cross_size(arm, force)
+    acceleration = np.where(free, p.gravity + _column(body.inverse_mass) * force, 0.0)
+    half = rigid.turned(m.orientation, 0.5 * h * m.spin)
+    spin, none = np.abs(m.spin), np.zeros_like(torque)
+    start, start_size = _euler(body, m.orientation, m.spin, spin, none, none)
+    spins = m.spin + 0.5 * h * start, spin + 0.5 * h * start_size
+    middle = _euler(body, half, *spins, torque, size)
+    frozen = _euler(body, m.orientation, m.spin, spin, torque, size)
+    turn, turn_size = (
+        np.where(free, np.where(explicit, one, other), 0.0)
+        for one, other in zip(frozen, middle, strict=True)
+    )
+    com = m.com + 0.5 * h * m.velocity + h * h / 6.0 * acceleration
+    there = Motion(
+        np.where(explicit, m.com, com),
+        np.where(explicit, m.orientation, half),
+        m.velocity,
+        m.spin,
+    )
+    return _Free(there, half, h * acceleration, h * turn, h * turn_size)
+
+
+def begin(p: Parameters, o: Observed, sample: Array) -> Step:
+    """All that the laws of a step need besides its wrench. sample: (n, NSAMPLE)."""
+    loads_a = sample[:, layout.A_LOAD : layout.B_LOAD]
+    loads_b = sample[:, layout.B_LOAD : layout.NSAMPLE]
+    a, b = _free_step(p, p.a, o.a, loads_a), _free_step(p, p.b, o.b, loads_b)
+    acting = frame(p, a.middle, b.middle)
+    still, still_size = relative(acting, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)
+    gain, _ = relative(acting, a.gain, a.turn, b.gain, b.turn)
+    _, gain_size = relative(acting, a.gain, a.turn_size, b.gain, b.turn_size)
+    ahead = frame(p, _ahead(p, o.a), _ahead(p, o.b))
+    there, there_size = relative(ahead, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)
+    exact = _column(~p.explicit).astype(np.float64)
+    keep = 0.5 * exact
+    bracket, bracket_size = exact * (there - still), exact * (there_size + still_size)
+    h = _column(p.h)
+    pulled, pulled_size = _pull(p, o)
+    back = np.where(_column(o.holding), (o.place - o.held) / h + keep * o.w[:, AVAILABLE], 0.0)
+    away = np.where(_column(o.new_hold), 0.0, o.place_size + np.abs(o.held))
+    back_size = away / h + keep * o.w_size[:, AVAILABLE]
+    return Step(
+        frame=acting,
+        half_a=a.half,
+        half_b=b.half,
+        inverse_a=world(p.a.inverse_inertia, rigid.matrix(a.middle.orientation)),
+        inverse_b=world(p.b.inverse_inertia, rigid.matrix(b.middle.orientation)),
+        gain_a=np.concatenate([a.gain, a.turn], axis=1),
+        gain_b=np.concatenate([b.gain, b.turn], axis=1),
+        free=still + gain,
+        free_size=still_size + gain_size,
+        bracket=bracket,
+        bracket_size=bracket_size,
+        target=pulled - keep * o.w[:, CONSTRAINED] - bracket[:, CONSTRAINED],
+        target_size=pulled_size + keep * o.w_size[:, CONSTRAINED] + bracket_size[:, CONSTRAINED],
+        hold=back,
+        hold_size=np.where(_column(o.holding), back_size, 0.0),
+    )
+
+
+def _ahead(p: Parameters, m: Motion) -> Motion:
+    """q^ = q + h v."""
+    h = _column(p.h)
+    turned = rigid.turned(m.orientation, h * m.spin)
+    return Motion(m.com + h * m.velocity, turned, m.velocity, m.spin)
+
+
+def _pull(p: Parameters, o: Observed) -> tuple[Array, Array]:
+    """-e/h, offsets and swings each no faster than their pull-in speed: (n, 4) and its size."""
+    pulled, size = [], []
+    for rows, greatest in ((slice(0, 2), p.pull_in_speed), (slice(2, 4), p.pull_in_rate)):
+        e, terms = o.error[:, rows], o.error_size[:, rows]
+        long = _column(rigid.norm(e))
+        far = long > _column(greatest * p.h)
+        rate = np.where(far, _column(greatest) / np.where(far, long, 1.0), 1.0 / _column(p.h))
+        pulled.append(-rate * e)
+        size.append(rate * terms)
+    return np.concatenate(pulled, axis=1), np.concatenate(size, axis=1)
+
+
+def by_wrench(p: Parameters, s: Step, wrench: Array) -> tuple[Array, Array]:
+    """H J~ M^-1 J~^T Lambda: (n, 6) and its size. wrench: (n, 6)."""
+    force = rigid.out_of(s.frame.axes, wrench[:, :3])
+    moment = rigid.out_of(s.frame.axes, wrench[:, 3:])
+    zero = np.zeros_like(force)
+    total, size = np.zeros_like(wrench), np.zeros_like(wrench)
+    axes = np.abs(s.frame.axes)
+    force_size = rigid.out_of(axes, np.abs(wrench[:, :3]))
+    moment_size = rigid.out_of(axes, np.abs(wrench[:, 3:]))
+    h = _column(p.h)
+    for sign, body, inverse, arm in (
+        (1.0, p.b, s.inverse_b, s.frame.arm_b),
+        (-1.0, p.a, s.inverse_a, s.frame.arm_a),
+    ):
+        gain = h * _column(body.inverse_mass)
+        push = sign * gain * force
+        turn = sign * h * rigid.out_of(inverse, np.cross(arm, force) + moment)
+        lever = rigid.cross_size(arm, force_size) + moment_size
+        push_size, turn_size = gain * force_size, h * rigid.out_of(np.abs(inverse), lever)
+        if sign > 0.0:
+            part, _ = relative(s.frame, zero, zero, push, turn)
+            _, part_size = relative(s.frame, zero, zero, push_size, turn_size)
+        else:
+            part, _ = relative(s.frame, push, turn, zero, zero)
+            _, part_size = relative(s.frame, push_size, turn_size, zero, zero)
+        total, size = total + part, size + part_size
+    return total, size
