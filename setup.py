@@ -47,8 +47,9 @@ ROS = [
 ]
 FAST = ["numba>=0.59"]
 DEMO = [*FAST, "matplotlib>=3.8", "scipy>=1.11"]
+BENCH = [*DEMO, "mujoco>=3.1"]
 TEST = [
-    *DEMO,
+    *BENCH,
     "colcon-common-extensions",
     "hypothesis>=6.100",
     "mcap-ros2-support>=0.5",
@@ -229,7 +230,7 @@ setup(
     package_dir={"": "."},
     package_data={NAME: ["py.typed"]},
     install_requires=[*ROS, "mcap>=1.1", "numpy>=1.26", "pyyaml>=6", "zstandard>=0.22"],
-    extras_require={"fast": FAST, "demo": DEMO, "test": TEST},
+    extras_require={"fast": FAST, "demo": DEMO, "bench": BENCH, "test": TEST},
     entry_points={
         "console_scripts": [
             f"connector = {NAME}.ros.connector_node:main",

@@ -1,0 +1,105 @@
+"""Measure speed and accuracy, of our methods and of what people would use instead.
+
+  kernel   what an answer costs: compiled, called from Python, without the compiler, beside
+           MuJoCo's step; start-up; minimal against SciPy and MuJoCo's RK4
+  orders   orders of convergence and costs of every method on a set of scenes
+
+Contestants take turns; medians and quartiles of CPU time. Peers come with
+pip install 'cylconn_ros[bench]'; an absent one is said to be absent. Exit code 1 where something
+could not be measured, and with --strict where a target was missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cylconn_ros.cli import scenes
+from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.connector.scene import Scene, load
+
+if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
+    from cylconn_ros.bench.results import Findings
+    from cylconn_ros.bench.settings import Settings
+
+    Part = Callable[[Settings], Findings]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("what", choices=("kernel", "orders"), help="what to measure")
+    parser.add_argument("--quick", action="store_true", help="the short form; rough numbers")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
+    )
+    parser.add_argument("--strict", action="store_true", help="fail where a target is missed")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, print and keep."""
+    from cylconn_ros.bench import machine
+    from cylconn_ros.bench import report as reports
+    from cylconn_ros.bench.results import Gap, Report
+    from cylconn_ros.bench.settings import Settings
+
+    output: Path | None = options.output
+    if output is not None:
+        if output.suffix != ".json":
+            raise CommandError(f"{output}: results end in .json")
+        if output.exists():
+            raise CommandError(f"{output} exists; results are never overwritten")
+    settings = (Settings.short if options.quick else Settings)(_bundled)
+    command = f"cylconn bench {options.what}" + (" --quick" if options.quick else "")
+    report = Report(command, settings.described())
+    for name, part in parts(options.what):
+        print(f"measuring: {name}", file=sys.stderr, flush=True)
+        report.findings.add(attempt(name, part, settings))
+    if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
+        reason = "the sources changed meanwhile: the numbers belong together no more"
+        report.findings.gaps.append(Gap("all", "all", "failed", reason))
+    print(reports.text(report, reports.orders if options.what == "orders" else None))
+    if output is not None:
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+            with output.open("x", encoding="utf-8") as file:
+                file.write(report.json())
+        except OSError as error:
+            raise CommandError(f"{output}: {error.strerror or error}") from None
+        print(f"kept in {output}")
+    for gap in report.failed:
+        print(f"could not be measured: {gap.contestant}: {gap.reason}", file=sys.stderr)
+    return int(bool(report.failed) or (options.strict and bool(report.missed)))
+
+
+def parts(what: str) -> Sequence[tuple[str, Part]]:
+    """The parts of a benchmark with what they measure; imported when they are asked for."""
+    if what == "kernel":
+        from cylconn_ros.bench import accuracy, kernel, startup
+
+        return (
+            ("a step of every method, and MuJoCo's", kernel.measure),
+            ("start to first answer", startup.measure),
+            ("minimal and SciPy on slide and spin", accuracy.slide_and_spin),
+            ("minimal and MuJoCo's RK4 on two free bodies", accuracy.two_free_bodies),
+        )
+    from cylconn_ros.bench import orders
+
+    return (("orders and costs of every method", orders.measure),)
+
+
+def attempt(name: str, part: Part, settings: Settings) -> Findings:
+    """One part's findings; where it fails, that it did, so that the others are not lost."""
+    from cylconn_ros.bench.results import Findings, Gap
+
+    try:
+        return part(settings)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        return Findings(gaps=[Gap(name, "all", "failed", reason)])
+
+
+def _bundled(name: str) -> Scene:
+    return load(scenes.find(name))
