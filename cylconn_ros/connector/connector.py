@@ -49,8 +49,8 @@ class Connector:
 
         ``component`` is "slide" (m, m/s, N) or "spin" (rad, rad/s, N.m). NaN leaves a quantity
         free. A motion is a position, moving on with the velocity where one is given, or a velocity
-        alone. Raises ValueError for another component, an infinite number, or a motion with a
-        force.
+        alone. Raises ValueError for another component, an infinite number, a motion with a force,
+        or a motion where the method has none.
         """
         if component not in ("slide", "spin"):
             raise ValueError(f"component = {component!r}: must be slide or spin")
@@ -59,6 +59,8 @@ class Connector:
                 raise ValueError(f"{component}.{name} = {value}: must be finite, or NaN for none")
         if not math.isnan(force) and not (math.isnan(position) and math.isnan(velocity)):
             raise ValueError(f"{component}.force = {force}: must not be given with a motion")
+        if self.method == "baumgarte" and not (math.isnan(position) and math.isnan(velocity)):
+            raise ValueError(f"{component}: the method baumgarte has no imposed motion")
         k = ("slide", "spin").index(component)
         at = model.COMMAND + 3 * k
         self._par[at : at + 3] = position, velocity, force

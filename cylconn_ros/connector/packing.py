@@ -54,8 +54,16 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         damping.c1,
         damping.cr1,
     )
-    if choose_method(scene) == "penalty" and not plant:
-        par[model.PENALTY : model.PENALTY + 6] = _penalty(scene)
+    method = choose_method(scene)
+    if method in ("penalty", "augmented_lagrangian") and not plant:
+        par[model.PENALTY : model.PENALTY + 6] = _penalty(scene, method)
+    par[model.AUGMENTED] = scene.penalty.multiplier_gain
+    feedback = scene.baumgarte
+    par[model.BAUMGARTE : model.BAUMGARTE + 3] = (
+        feedback.alpha,
+        feedback.beta,
+        feedback.regularisation_velocity,
+    )
     par[model.OUTPUT : model.OUTPUT + 6] = (
         scene.wrench.axes == "world",
         scene.wrench.point == "com",
@@ -151,14 +159,14 @@ def _table(friction: Friction) -> list[float]:
     return [] if table is None else [*table.rates, *table.forces, *table.values]
 
 
-def _penalty(scene: Scene) -> list[float]:
+def _penalty(scene: Scene, method: str) -> list[float]:
     """Gains: stiffness and damping of offsets and swings, of the elastic stick."""
     gains, friction = scene.penalty, scene.friction
     for name in ("stiffness", "damping"):
         if math.isnan(getattr(gains, name)):
             raise SceneError(
-                f"penalty.{name} = .nan: must be given for the method penalty; a sampled spring is "
-                "stable up to about m/h^2 and its damper to m/h, with the lighter body's mass m"
+                f"penalty.{name} = .nan: must be given for the method {method}; a sampled spring "
+                "is stable up to about m/h^2 and its damper to m/h, with the lighter body's mass m"
             )
     arm = max(0.5 * friction.overlap, 0.0 if math.isnan(friction.radius) else friction.radius)
     swing = gains.rotational_stiffness

@@ -28,6 +28,7 @@ from cylconn_ros.connector.parameters import (
     show,
 )
 from cylconn_ros.connector.scene_parts import (
+    Baumgarte,
     Body,
     Command,
     Damping,
@@ -66,8 +67,9 @@ class Scene:
     period: float = parameter(0.001, ge=0.0, unit="s", doc="Sample period h; 0: from the stamps.")
     method: str = parameter(
         "auto",
-        choices=("auto", "impulse", "penalty"),
-        doc="impulse: inertia known; penalty: inertia unknown; auto: whichever the scene allows.",
+        choices=("auto", "impulse", "baumgarte", "penalty", "augmented_lagrangian"),
+        doc="Inertia known: impulse, or baumgarte, the textbook's; unknown: penalty, or "
+        "augmented_lagrangian, which does not give; auto: impulse where it can, else penalty.",
     )
     tolerance: float = parameter(
         0.0, ge=0.0, unit="1", doc="Relative accuracy asked of the solution; 0: none stated."
@@ -126,6 +128,7 @@ class Scene:
     elasticity: Elasticity = group(Elasticity)
     damping: Damping = group(Damping)
     penalty: Penalty = group(Penalty)
+    baumgarte: Baumgarte = group(Baumgarte)
     limits: Limits = group(Limits)
     record: Record = group(Record)
     markers: bool = parameter(

@@ -205,7 +205,7 @@ class Damping:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Penalty:
-    """Gains of the penalty method: stable up to about m/h^2 and m/h."""
+    """Gains of penalty and augmented_lagrangian: stable up to about m/h^2 and m/h."""
 
     stiffness: float = parameter(
         NAN, gt=0.0, unit="N/m", example=1e4, doc="Stiffness of the offsets; needed by penalty."
@@ -233,6 +233,36 @@ class Penalty:
         gt=0.0,
         unit="m",
         doc="Elastic slip allowed at the friction limit of the preload; .nan: not stated.",
+    )
+    multiplier_gain: float = parameter(
+        NAN,
+        gt=0.0,
+        lt=1.0,
+        unit="1",
+        doc="augmented_lagrangian: share of the spring's force that the multiplier takes over each "
+        "sample; .nan: stiffness h/(32 damping), at most 0.1.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Baumgarte:
+    """Feedback and regularisation of the method baumgarte."""
+
+    alpha: float = parameter(
+        NAN, gt=0.0, unit="1/s", doc="Half the feedback of the constraint's rate; .nan: 0.2/h."
+    )
+    beta: float = parameter(
+        NAN,
+        gt=0.0,
+        unit="1/s",
+        doc="Root of the feedback of the constraint's error; .nan: 0.2/h. A held force is stable "
+        "for beta^2 h/4 < alpha < 1/h.",
+    )
+    regularisation_velocity: float = parameter(
+        0.001,
+        gt=0.0,
+        unit="m/s",
+        doc="v0 in mu FN s/sqrt(s^2 + v0^2): below it friction is viscous and a load creeps.",
     )
 
 

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 # Parts of the public face that no method answers to yet: refused rather than ignored.
 NOT_SERVED = ("tolerance", "latency")
+# Bounds on slide and spin, and the method that has none.
+BOUNDS = ("stops.", "lock.", "command.slide.position", "command.slide.velocity",
+          "command.spin.position", "command.spin.velocity")  # fmt: skip
+WITHOUT_BOUNDS = "baumgarte"
 
 
 def check(scene: Scene) -> None:
@@ -40,6 +44,12 @@ def _check_served(scene: Scene) -> None:
     for name, value in scene.parameters().items():
         if name.startswith(NOT_SERVED) and show(value) != show(rules[name].default):
             raise SceneError(f"{name} = {show(value)}: is not served by this version; leave it out")
+        bound = scene.method == WITHOUT_BOUNDS and name.startswith(BOUNDS)
+        if bound and show(value) != show(rules[name].default):
+            raise SceneError(
+                f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
+                "motion; leave it out, or use impulse"
+            )
 
 
 def _check_bodies(scene: Scene) -> None:
@@ -90,12 +100,13 @@ def principal_moments(inertia: Sequence[float]) -> list[float]:
 
 
 def _check_method(scene: Scene) -> None:
-    if scene.method == "impulse":
+    if scene.method in ("impulse", "baumgarte"):
         for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
             if body.kind == "unknown":
                 raise SceneError(
-                    f"method = 'impulse': needs the inertia of both bodies, but {name}.kind is "
-                    "unknown; use penalty, or make the body free and give its mass and inertia"
+                    f"method = {show(scene.method)}: needs the inertia of both bodies, but "
+                    f"{name}.kind is unknown; use penalty, or make the body free and "
+                    "give its mass and inertia"
                 )
 
 

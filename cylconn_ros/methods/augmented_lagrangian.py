@@ -3,9 +3,9 @@ r"""Unknown inertia without giving way: a multiplier gathers what the penalty's 
     lambda <- lambda - rho k e
     f_c     = lambda - k e - c w_c         e the constraint's error, w_c its rate
 
-At rest the spring's share has wandered into lambda and e is zero, where the penalty method gives by
-load/k. rho is `penalty.multiplier_gain`; by default k h/(8 c), at most 0.1. Friction is that of the
-penalty method: elastic stick, brought back onto the disc.
+At rest the spring's share has wandered into lambda and e is zero, where the penalty method gives
+by load/k. rho is `penalty.multiplier_gain`; by default k h/(32 c), at most 0.1. Friction is that of
+the penalty method: elastic stick, brought back onto the disc.
 
 What it costs: lambda follows a changing load with a lag of h/rho, during which e is not zero; and a
 third gain that can be unstable. Unstable gains are seen and lowered (methods/guard.py), which is

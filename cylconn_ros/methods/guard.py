@@ -9,12 +9,12 @@ Seen from outside, unstable gains make energy. Over a window of samples
 
     A = sum (f - lambda0) . de + k/2 (|e|^2 - |e0|^2)
 
-is the work that the constraint did on the bodies beyond that of its steady force lambda0, plus what
-its spring gained: not positive where the gains are passive, but for a changing load. Where A exceeds
-1 % of the energy exchanged while the spring's energy peaks higher than in the last window, the
-multiplier's gain is halved, and once that is small the stiffness. Friction takes no part in A: its
-loss would hide the constraint's gain. A rate that is reversed and grows from one sample to the next
-is the sign of c > 2 m/h: as it grows by |1 - c h/m|, both gains are set to make c h/m = 1.
+is the work that the constraint did on the bodies beyond that of its steady force lambda0, plus
+what its spring gained: not positive where the gains are passive, but for a changing load. Where A
+exceeds 1 % of the energy exchanged while the spring's energy peaks higher than in the last window,
+the multiplier's gain is halved, and once that is small the stiffness. Friction takes no part in A:
+its loss would hide the constraint's gain. A rate that is reversed and grows from one sample to the
+next is the sign of c > 2 m/h: as it grows by |1 - c h/m|, both gains are set to make c h/m = 1.
 """
 
 import math
@@ -62,7 +62,7 @@ class Gains(NamedTuple):
 def gains(mem: Array, at: int, k: float, c: float, rho: float, h: float, explicit: bool) -> Gains:
     """The gains asked for, as lowered so far; k at most c/h where the plant is exact.
 
-    ``rho`` NaN: k h/(8 c), at most 0.1, which is stable down to a fifth of critical damping.
+    ``rho`` NaN: k h/(32 c), at most 0.1, which is stable down to a tenth of critical damping.
     """
     softer = math.exp(-mem[at + STIFFNESS])
     damping = c * math.exp(-mem[at + DAMPING])
@@ -70,7 +70,7 @@ def gains(mem: Array, at: int, k: float, c: float, rho: float, h: float, explici
     if not explicit:
         stiffness = min(stiffness, damping / h)
     if math.isnan(rho):
-        rho = min(0.1, 0.125 * stiffness * h / damping) if damping > 0.0 else 0.0
+        rho = min(0.1, stiffness * h / (32.0 * damping)) if damping > 0.0 else 0.0
     rho *= math.exp(-mem[at + RATIO])
     return Gains(stiffness, damping, rho, mem[at + RATIO] > 0.0 or stiffness < k or damping < c)
 

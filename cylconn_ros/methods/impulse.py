@@ -100,7 +100,7 @@ def _ahead(m: Motion, h: float) -> Motion:
 
 
 @jit
-def _pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
+def pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
     """-e/h, its size limited to the pull-in speed."""
     size = math.sqrt(e1 * e1 + e2 * e2)
     if size <= greatest * h:
@@ -129,7 +129,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     wf = relative_twist(f, free_a.end, free_b.end)
     turning = _turning(model.nodes(par), f, o, h, explicit)
     target, far = _target(par, o, turning, h, explicit)
-    reduced = _eliminated(g, wf, turning, target, h)
+    reduced = eliminated(g, wf, turning, target, h)
     if far:
         flags |= out_at.MISALIGNED
 
@@ -144,7 +144,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
         free_a.orientation, free_b.orientation,
     )  # fmt: skip
     report(par, mem, out, o, reduced, av, force, moment, h)
-    out[out_at.RESIDUAL] = max(av.solved.residual, _unmet(g, wf, turning, target, force, moment, h))
+    out[out_at.RESIDUAL] = max(av.solved.residual, unmet(g, wf, turning, target, force, moment, h))
     if mem[model.STUCK] >= STOPPED_AFTER:
         flags |= out_at.STOPPED
     return flags
@@ -176,8 +176,8 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> T
 def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -> tuple[Four, bool]:
     """target_c, and whether an error is being pulled in at its bounded speed."""
     e, w = o.error, o.twist
-    y, z, far_offset = _pulled(e[0], e[1], h, par[model.PULL_IN])
-    p2, p3, far_angle = _pulled(e[2], e[3], h, par[model.PULL_IN + 1])
+    y, z, far_offset = pulled(e[0], e[1], h, par[model.PULL_IN])
+    p2, p3, far_angle = pulled(e[2], e[3], h, par[model.PULL_IN + 1])
     keep = 0.0 if explicit else 0.5
     target = (
         y - keep * w.v[1] - turning.v[1],
@@ -194,7 +194,7 @@ def _dot4(a: Four, b: Four) -> float:
 
 
 @jit
-def _eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -> Reduced:
+def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -> Reduced:
     """Solve w+_c = target_c for (f2, f3, m2, m3), for no force and for a unit f1 and m1."""
     ff, fm, mm = g.ff, g.fm, g.mm
     lower = factor(ff[3], ff[4], ff[5], fm[1][1], fm[2][1], mm[3], fm[1][2], fm[2][2], mm[4], mm[5])
@@ -222,7 +222,7 @@ def _eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -
 
 
 @jit
-def _unmet(
+def unmet(
     g: Inertia, wf: Twist, turning: Twist, target: Four, f: Vector, m: Vector, h: float
 ) -> float:
     """Residual of w+_c = target_c, row by row over the sum of the terms' sizes."""

@@ -8,11 +8,18 @@ from cylconn_ros.core import model
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.observe import status_of
-from cylconn_ros.methods import impulse, penalty
+from cylconn_ros.methods import augmented_lagrangian, baumgarte, impulse, penalty
 
 IMPULSE: Final = 0
 PENALTY: Final = 1
-NAMES: Final[dict[str, int]] = {"impulse": IMPULSE, "penalty": PENALTY}
+AUGMENTED_LAGRANGIAN: Final = 2
+BAUMGARTE: Final = 3
+NAMES: Final[dict[str, int]] = {
+    "impulse": IMPULSE,
+    "penalty": PENALTY,
+    "augmented_lagrangian": AUGMENTED_LAGRANGIAN,
+    "baumgarte": BAUMGARTE,
+}
 
 
 @jit
@@ -28,7 +35,7 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
     """Answer one sample.
 
     Args:
-        method: IMPULSE or PENALTY.
+        method: one of NAMES.
         par: the scene in numbers. mem: (NMEM,) what is remembered, advanced.
         sample: (NSAMPLE,) see core/layout.py. h: the period the wrench will be held, s.
         out: (NOUT,) the answer.
@@ -46,8 +53,12 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
         out[k] = 0.0
     if method == IMPULSE:
         flags = impulse.step(par, mem, sample, h, out)
-    else:
+    elif method == PENALTY:
         flags = penalty.step(par, mem, sample, h, out)
+    elif method == AUGMENTED_LAGRANGIAN:
+        flags = augmented_lagrangian.step(par, mem, sample, h, out)
+    else:
+        flags = baumgarte.step(par, mem, sample, h, out)
     out[out_at.FLAGS] = flags
     mem[model.LAST_PERIOD] = h
     for k in range(out_at.STATE0):

@@ -26,10 +26,15 @@ _FLAGS = {
     layout.JAMMED: "jammed",
     layout.STOPPED: "stopped",
     layout.MISALIGNED: "pulling in",
+    layout.GAINS_LOWERED: "gains lowered",
 }
 # Worth a warning: the answer may not be what the user expects.
 _WORRYING = (
-    layout.UNDERSAMPLED | layout.TURN_AMBIGUOUS | layout.TWIST_CONTRADICTS | layout.MISALIGNED
+    layout.UNDERSAMPLED
+    | layout.TURN_AMBIGUOUS
+    | layout.TWIST_CONTRADICTS
+    | layout.MISALIGNED
+    | layout.GAINS_LOWERED
 )
 
 

@@ -1,0 +1,227 @@
+r"""Known inertia, the textbook way: accelerations, Baumgarte's feedback, regularised friction.
+
+    M a = applied + J^T Lambda                         at the sample, then held over the period
+    (J a + J' v)_c = -2 alpha w_c - beta^2 e           e the constraint's error, w_c its rate
+    phi = -mu FN s / sqrt(s^2 + v0^2)                  s the sample's slip velocity
+
+Differentiating the constraint twice leaves drift, which the feedback turns into a damped
+oscillation (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1, 1972). alpha = beta = 0.2/h unless
+given: critical, and well within what a held force allows, beta^2 h/4 < alpha < 1/h.
+
+FN is made of the same instant's reactions, these of friction: along -s one scalar equation for the
+traction P, of which the least solution is taken. Newton's method from P = 0 does not pass it, as FN
+is convex in P; where it is not, steps of gap/(1 + greatest slope) do not.
+
+What it cannot do: hold. Below v0 the law is viscous, so that a loaded sleeve creeps. And as the
+slip velocity is the sample's, friction is never more than what takes the slip away within the
+period: with a small v0 a load creeps at the speed that it gains in a period. Where no finite P
+exists (jam), that bound is what acts. There are no stops, locks or imposed motion: events have no
+place in an acceleration. First order, as the wrench is that of the period's start.
+"""
+
+import math
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.answer import write_contact, write_forces, write_wrenches
+from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
+from cylconn_ros.core.bounds import imposed_force
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
+from cylconn_ros.core.inertia import of_body, of_both
+from cylconn_ros.core.kinematics import Frame, Twist
+from cylconn_ros.core.linear import Four
+from cylconn_ros.core.observe import Observed, observe
+from cylconn_ros.core.vectors import (
+    Vector,
+    add,
+    add_scaled,
+    cross,
+    into,
+    matrix,
+    out_of,
+    scale,
+    sub,
+    turned,
+)
+from cylconn_ros.methods.available import Reduced, reactions
+from cylconn_ros.methods.impulse import eliminated, pulled, unmet
+
+FEEDBACK = 0.2  # alpha h and beta h where they are not given
+STOPPED_AFTER = 3
+MOST_STEPS = 100
+
+
+@jit
+def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
+    o = observe(par, mem, sample, out)
+    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    f = o.frame
+    g = of_both(
+        of_body(body_a, f.axes, o.a.orientation, f.arm_a),
+        of_body(body_b, f.axes, o.b.orientation, f.arm_b),
+    )
+    free = _relative_acceleration(
+        f, o,
+        _acceleration(par, body_a, o.a, sample, out_at.A_LOAD),
+        _acceleration(par, body_b, o.b, sample, out_at.B_LOAD),
+    )  # fmt: skip
+    none = Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    target, far = _target(par, o, h)
+    r = eliminated(g, free, none, target, 1.0)
+
+    at, ref = model.ELASTICITY, model.REFERENCE
+    u1 = o.length - model.given(par[ref + 2], mem[model.LENGTH0])
+    ur = o.angle - model.given(par[ref + 3], mem[model.ANGLE0])
+    spring = (-par[at] * u1, -par[at + 1] * ur)
+    damper = (-par[at + 2] * o.twist.v[0], -par[at + 3] * o.twist.w[0])
+    drive = (imposed_force(par, 0), imposed_force(par, 1))
+    mem[model.LAST_ACTUATION], mem[model.LAST_ACTUATION + 1] = drive
+    push = (spring[0] + damper[0] + drive[0], spring[1] + damper[1] + drive[1])
+    friction, flags, residual = _friction(par, mem, out, o, r, push, h)
+
+    f1, m1 = push[0] + friction[0], push[1] + friction[1]
+    c = reactions(r, f1, m1)
+    force, moment = (f1, c[0], c[1]), (m1, c[2], c[3])
+    write_forces(out, force, moment)
+    out[out_at.FORCE_ELASTIC], out[out_at.MOMENT_ELASTIC] = spring
+    out[out_at.FORCE_VISCOUS], out[out_at.MOMENT_VISCOUS] = damper
+    out[out_at.FORCE_FRICTION], out[out_at.MOMENT_FRICTION] = friction
+    out[out_at.FORCE_ACTUATION], out[out_at.MOMENT_ACTUATION] = drive
+    out[out_at.ACCUMULATED_SLIP] = mem[model.SLIPPED]
+    out[out_at.STOP_TIME] = -1.0
+    out[out_at.RESIDUAL] = max(residual, unmet(g, free, none, target, force, moment, 1.0))
+    flags |= o.flags
+    if far:
+        flags |= out_at.MISALIGNED
+    if mem[model.STUCK] >= STOPPED_AFTER:
+        flags |= out_at.STOPPED
+    return flags | write_wrenches(
+        par, mem, out, f, force, moment, body_a, body_b, o.a, o.b,
+        turned(o.a.orientation, scale(0.5 * h, o.a.spin)),
+        turned(o.b.orientation, scale(0.5 * h, o.b.spin)),
+    )  # fmt: skip
+
+
+@jit
+def _acceleration(
+    par: Array, body: Body, m: Motion, sample: Array, at: int
+) -> tuple[Vector, Vector]:
+    """Of the mass centre and of the turning, under gravity and the load at ``at``."""
+    if not body.free:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    load = model.vector(sample, at)
+    arm = out_of(matrix(m.orientation), body.com)
+    torque = sub(model.vector(sample, at + 3), cross(arm, load))
+    linear = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load)
+    return linear, angular_acceleration(body, m.orientation, m.spin, torque)
+
+
+@jit
+def _relative_acceleration(
+    f: Frame, o: Observed, a: tuple[Vector, Vector], b: tuple[Vector, Vector]
+) -> Twist:
+    """J a + J' v: the rates of the relative twist, axes of a."""
+    wa, wb = o.a.spin, o.b.spin
+    at_b = add(add(b[0], cross(b[1], f.arm_b)), cross(wb, cross(wb, f.arm_b)))
+    at_a = add(add(a[0], cross(a[1], f.arm_a)), cross(wa, cross(wa, f.arm_a)))
+    coriolis = scale(2.0, cross(wa, out_of(f.axes, o.twist.v)))
+    return Twist(
+        into(f.axes, sub(sub(at_b, at_a), coriolis)),
+        into(f.axes, sub(sub(b[1], a[1]), cross(wa, wb))),
+    )
+
+
+@jit
+def _target(par: Array, o: Observed, h: float) -> tuple[Four, bool]:
+    """-2 alpha w - beta^2 e, the approach to zero no faster than the pull-in speed."""
+    alpha = model.given(par[model.BAUMGARTE], FEEDBACK / h)
+    beta = model.given(par[model.BAUMGARTE + 1], FEEDBACK / h)
+    e, v, w = o.error, o.twist.v, o.twist.w
+    settling = 2.0 * alpha / (beta * beta)  # s: e/settling is the speed of the approach
+    y, z, far = pulled(e[0], e[1], settling, par[model.PULL_IN])
+    p2, p3, far_too = pulled(e[2], e[3], settling, par[model.PULL_IN + 1])
+    return (
+        2.0 * alpha * (y - v[1]),
+        2.0 * alpha * (z - v[2]),
+        2.0 * alpha * (p2 - w[1]),
+        2.0 * alpha * (p3 - w[2]),
+    ), far or far_too
+
+
+@jit
+def _friction(
+    par: Array, mem: Array, out: Array, o: Observed, r: Reduced, push: tuple[float, float], h: float
+) -> tuple[tuple[float, float], int, float]:
+    """(f1f, m1f), JAMMED where no finite force exists, and the residual of the scalar equation."""
+    law = model.law(par)
+    base = reactions(r, push[0], push[1])
+    if not law.on:
+        out[out_at.REGIME] = out_at.FRICTIONLESS
+        write_contact(out, contact(law, base), 0.0, 0.0, 0.0)
+        return (0.0, 0.0), 0, 0.0
+    radius, v0 = law.radius, par[model.BAUMGARTE + 2]
+    s1, s2 = o.twist.v[0], radius * o.twist.w[0]
+    rate = math.sqrt(s1 * s1 + s2 * s2)
+    traction, flags, residual, most = 0.0, 0, 0.0, 0.0
+    along, around = 0.0, 0.0
+    if rate > 0.0:
+        along, around = s1 / rate, s2 / rate
+        x, y = r.by_f1, r.by_m1
+        p, q = -along, -around * radius
+        by = (
+            p * x[0] + q * y[0], p * x[1] + q * y[1], p * x[2] + q * y[2], p * x[3] + q * y[3],
+        )  # fmt: skip
+        a11, a12, a22 = r.a[0], radius * r.a[1], radius * radius * r.a[2]
+        most = rate / (h * (along * (a11 * along + 2.0 * a12 * around) + around * a22 * around))
+        share = rate / math.sqrt(rate * rate + v0 * v0)
+        traction, flags, residual = _traction(law, par, base, by, share, rate, most)
+    pressed = contact(law, _moved(base, by, traction) if rate > 0.0 else base)
+    holds = rate <= v0 or traction >= most
+    out[out_at.REGIME] = out_at.STICK if holds else out_at.SLIP
+    mem[model.STUCK] = mem[model.STUCK] + 1.0 if holds else 0.0
+    mem[model.SLIPPED] += rate * h
+    mu = coefficient(law, par, rate, pressed.normal)
+    greatest = limit(law, par, rate, pressed.normal)
+    write_contact(out, pressed, mu, greatest, traction)
+    return (-traction * along, -traction * around * radius), flags, residual
+
+
+@jit
+def _moved(base: Four, by: Four, p: float) -> Four:
+    return (base[0] + p * by[0], base[1] + p * by[1], base[2] + p * by[2], base[3] + p * by[3])
+
+
+@jit
+def _traction(
+    law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
+) -> tuple[float, int, float]:
+    """The least P with P = share limit(FN(P)), at most ``most``; flags; its relative residual."""
+    growth = math.sqrt(by[0] * by[0] + by[1] * by[1])
+    growth += law.bending * math.sqrt(by[2] * by[2] + by[3] * by[3])
+    p, gap, size = 0.0, 0.0, 1.0
+    for _ in range(MOST_STEPS):
+        reaction = _moved(base, by, p)
+        at = contact(law, reaction)
+        mu = coefficient(law, par, rate, at.normal)
+        wanted = share * min(law.cap, mu * at.normal)
+        gap, size = wanted - p, wanted + p
+        if gap <= 1e-15 * size:
+            break
+        slope = -growth  # of FN, from below: for certain
+        convex = law.force_slope == 0.0 and at.radial + at.bending + law.preload > 0.0
+        if convex and mu * at.normal < law.cap:
+            slope = 0.0
+            if at.radial > 0.0:
+                slope += (reaction[0] * by[0] + reaction[1] * by[1]) / at.radial
+            if at.moment > 0.0:
+                slope += law.bending * (reaction[2] * by[2] + reaction[3] * by[3]) / at.moment
+        if share * mu * slope >= 1.0:  # grows faster than it is used up, ever more so: no root
+            capped = share * law.cap
+            return (capped, 0, 0.0) if capped < most else (most, out_at.JAMMED, 0.0)
+        p += gap / (1.0 - share * mu * slope)
+        if p >= most:
+            return most, 0, 0.0
+        p = min(p, share * law.cap)
+    return min(p, most), 0, max(gap, 0.0) / size if size > 0.0 else 0.0
