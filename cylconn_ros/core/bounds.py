@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import model
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
 
 Two = tuple[float, float]
@@ -45,14 +45,14 @@ class Held(NamedTuple):
     q2: Two
 
 
-@jit
+@inline
 def _least_rate(gap: float, w: float, h: float, pull: float, explicit: bool) -> float:
     """The contact target t."""
     rise = min(-gap / h, pull)
     return rise if explicit else rise - 0.5 * w
 
 
-@jit
+@inline
 def _bounce(gap: float, w: float, h: float, eps: float, explicit: bool) -> float:
     """The target of an impact's first step."""
     if explicit:
@@ -61,12 +61,12 @@ def _bounce(gap: float, w: float, h: float, eps: float, explicit: bool) -> float
     return w * (time - 0.5 - eps * (1.5 - time))
 
 
-@jit
+@inline
 def _impacts(gap: float, w: float, h: float, explicit: bool) -> bool:
     return w < 0.0 and gap + (1.0 if explicit else 1.5) * h * w < 0.0
 
 
-@jit
+@inline
 def _held_rate(par: Array, x: float, w: float, at: float, rate: float, h: float, k: int) -> float:
     """The rate that brings x onto a bilateral target moving with ``rate``."""
     explicit = model.output(par).semi_implicit
@@ -112,27 +112,27 @@ def bounds(
     return Bounds(low, high, impact)
 
 
-@jit
+@inline
 def imposed(par: Array, k: int) -> bool:
     """Whether a motion is imposed on component k."""
     at = model.COMMAND + 3 * k
     return not (math.isnan(par[at]) and math.isnan(par[at + 1]))
 
 
-@jit
+@inline
 def imposed_force(par: Array, k: int) -> float:
     """The force or moment imposed on component k."""
     return model.given(par[model.COMMAND + 3 * k + 2], 0.0)
 
 
-@jit
+@inline
 def start_imposed(par: Array, mem: Array, k: int, x: float) -> None:
     """An imposed motion starts from its commanded position, or from where the component is."""
     if math.isnan(mem[model.IMPOSED_AT + k]) or mem[model.LAST_PERIOD] == 0.0:
         mem[model.IMPOSED_AT + k] = model.given(par[model.COMMAND + 3 * k], x)
 
 
-@jit
+@inline
 def advance_imposed(par: Array, mem: Array, h: float) -> None:
     """Imposed motions go on with their velocities."""
     for k in range(2):
@@ -166,7 +166,7 @@ def locks(par: Array, mem: Array, x: float, w: float, h: float) -> bool:
     return False
 
 
-@jit
+@inline
 def hold(free: Two, s: tuple[float, float, float], sides: tuple[int, int], t: Two) -> Held:
     """Eliminate the components whose side is not 0: their rate at the end is t."""
     s11, s12, s22 = s

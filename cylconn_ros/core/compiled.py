@@ -1,7 +1,13 @@
 """One source, compiled where numba is installed and run as it is where it is not.
 
-``jit`` marks the functions of the physics. They are written with scalars and tuples only, which
-numba compiles to machine code and plain Python runs at a useful speed.
+``entry`` marks the functions by which the physics is entered from outside, ``jit`` those within it,
+and ``inline`` the small ones among these, which are copied to where they are used: their tuples
+then stay in registers. All are written with scalars and tuples only, which numba compiles to
+machine code and plain Python runs at a useful speed. Arrays come in through entries and are read
+and written number by number.
+
+An entry is compiled at its first call, with everything that it calls. Only entries are compiled for
+callers from Python; the others, called from there, run as they are.
 
 Compiled code is cached per state of the sources: numba checks only the file a function stands in,
 not those of the functions it calls, so the cache directory carries a digest of all of them. It lies
@@ -9,6 +15,7 @@ where an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_
 else ``~/.cache/cylconn_ros``, else the directory for temporary files.
 """
 
+import functools
 import hashlib
 import os
 import tempfile
@@ -16,10 +23,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 try:
     if os.environ.get("CYLCONN_NO_COMPILER"):
         raise ImportError
     import numba
+    from numba.extending import register_jitable
 except ImportError:
     numba = None
 
@@ -56,16 +66,59 @@ if COMPILED:
     _DIRECTORY = _cache_directory()
 
     def jit(function: Function) -> Function:
-        """Compile ``function`` at its first call; division by zero gives inf or NaN, as in C."""
+        """Compile ``function`` for the entries that call it."""
+        inner: Function = register_jitable(forceinline=False, no_cfunc_wrapper=True)(function)
+        return inner
+
+    def inline(function: Function) -> Function:
+        """Compile ``function`` into everything that calls it: for what is small."""
+        inner: Function = register_jitable(forceinline=True, no_cfunc_wrapper=True)(function)
+        return inner
+
+    def _entry(function: Function, allocates: bool) -> Function:
         theirs = numba.config.CACHE_DIR  # ours only: another package's cache stays where it was
         numba.config.CACHE_DIR = _DIRECTORY or theirs
+        options = {"cache": True, "error_model": "numpy", "_nrt": allocates}  # 1/0 is inf, as in C
         try:
-            compiled: Function = numba.njit(cache=True, error_model="numpy")(function)
+            compiled: Function = numba.njit(**options)(function)
         finally:
             numba.config.CACHE_DIR = theirs
         return compiled
+
+    def entry(function: Function) -> Function:
+        """Compile ``function`` at its first call, or load it from the cache.
+
+        It must not make arrays: numba's runtime is left out, which would count references to every
+        array at every call.
+        """
+        return _entry(function, allocates=False)
+
+    def entry_that_allocates(function: Function) -> Function:
+        """Compile an entry that makes arrays."""
+        return _entry(function, allocates=True)
 else:
 
     def jit(function: Function) -> Function:
         """Leave ``function`` as it is: no compiler is installed."""
         return function
+
+    inline = jit
+
+    def _numbers(argument: Any) -> Any:
+        vector = isinstance(argument, np.ndarray) and argument.ndim == 1
+        return argument.data if vector else argument
+
+    def entry(function: Function) -> Function:
+        """Lend ``function`` its vectors as memoryviews: their elements are Python's own floats.
+
+        NumPy's, which an array would give, take several times as long in every operation. Arrays of
+        more dimensions are passed on, for their rows to be lent by the entry that gets them.
+        """
+
+        @functools.wraps(function)
+        def lent(*arguments: Any) -> Any:
+            return function(*[_numbers(a) for a in arguments])
+
+        return lent  # type: ignore[return-value]
+
+    entry_that_allocates = entry

@@ -23,7 +23,7 @@ turn by more than s-.s+ > |s-|^2/4 allows, else theta = 1.
 import math
 from typing import NamedTuple
 
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
 from cylconn_ros.core.linear import Four, eigen2
@@ -31,6 +31,7 @@ from cylconn_ros.core.linear import Four, eigen2
 Two = tuple[float, float]
 
 MOST_STRETCHES = 500
+ROUNDING = 4e-16  # a relative error that counts as none
 NOTHING = 1e-100  # N: below it squares leave the range of doubles
 
 
@@ -68,7 +69,7 @@ class _Curve(NamedTuple):
     size: float  # |s~free|
 
 
-@jit
+@inline
 def disc_problem(
     s_minus: Two, s_free: Two, s11: float, s12: float, s22: float, base: Four, c1: Four, c2: Four
 ) -> Disc:
@@ -77,7 +78,7 @@ def disc_problem(
     return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
 
 
-@jit
+@inline
 def reaction(d: Disc, phi: Two) -> Four:
     """The constraint reactions (f2, f3, m2, m3) that go with phi."""
     p, q = phi
@@ -89,7 +90,7 @@ def reaction(d: Disc, phi: Two) -> Four:
     )
 
 
-@jit
+@inline
 def _curve(d: Disc, theta: float) -> _Curve:
     x = (1.0 - theta) * d.s_minus[0] + theta * d.s_free[0]
     y = (1.0 - theta) * d.s_minus[1] + theta * d.s_free[1]
@@ -102,37 +103,36 @@ def _curve(d: Disc, theta: float) -> _Curve:
     return _Curve(a, b, l1, l2, math.sqrt(x * x + y * y))
 
 
-@jit
+@inline
 def _phi(d: Disc, c: _Curve, r: float) -> Two:
     p, q = -c.a / (c.l1 + r), -c.b / (c.l2 + r)
     return (d.cos * p - d.sin * q, d.sin * p + d.cos * q)
 
 
-@jit
-def _spare(law: Law, par: Array, d: Disc, c: _Curve, r: float) -> Two:
-    """(limit, |phi|) at r: admissible for stick, beyond the root for slip, where limit >= |phi|."""
+@inline
+def _excess(law: Law, par: Array, d: Disc, c: _Curve, r: float) -> float:
+    """limit/|phi| - 1 at r: not negative where stick is admissible, or beyond the root for slip."""
     phi = _phi(d, c, r)
     size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
+    if size == 0.0:
+        return math.inf
     normal = contact(law, reaction(d, phi)).normal
-    return limit(law, par, r * size, normal), size
+    return limit(law, par, r * size, normal) / size - 1.0
 
 
-@jit
+@inline
 def _ends(c: _Curve) -> bool:
     """Whether the curve has an end at r = 0: not where a held component moves."""
     return c.l1 > 0.0 and c.l2 > 0.0
 
 
-@jit
-def _sticks(law: Law, par: Array, d: Disc, c: _Curve) -> bool:
-    """Whether the end at r = 0 is within the limit."""
-    if not _ends(c):
-        return False
-    lim, size = _spare(law, par, d, c, 0.0)
-    return size <= lim
+@inline
+def _excess_at_end(law: Law, par: Array, d: Disc, c: _Curve) -> float:
+    """The excess of stick, r = 0; -1 where the curve does not end there."""
+    return _excess(law, par, d, c, 0.0) if _ends(c) else -1.0
 
 
-@jit
+@inline
 def _growth(law: Law, d: Disc) -> float:
     """A bound of the growth of FN with |phi|: a Lipschitz constant."""
     f = d.c1[0] ** 2 + d.c1[1] ** 2 + d.c2[0] ** 2 + d.c2[1] ** 2
@@ -141,28 +141,26 @@ def _growth(law: Law, d: Disc) -> float:
 
 
 @jit
-def _bracketed(law: Law, par: Array, d: Disc, c: _Curve, low: float, high: float) -> float:
-    """The root between ``low`` (limit < |phi|) and ``high`` (limit >= |phi|).
+def _bracketed(
+    law: Law, par: Array, d: Disc, c: _Curve, low: float, g_low: float, high: float, g_high: float
+) -> float:
+    """The root between ``low``, where the excess ``g_low`` is negative, and ``high``.
 
-    limit/|phi| - 1 is linear in r where FN and the direction are constant, so regula falsi
-    (Anderson and Bjorck's form) takes a few evaluations; every fourth one halves the bracket, to be
-    safe.
+    The excess is linear in r where FN and the direction are constant, so regula falsi (Anderson and
+    Bjorck's form) takes a few evaluations. It keeps a rounding error's distance from both ends:
+    next to an end that has converged the first point beyond the root closes the bracket. Where it
+    takes long, every fourth evaluation halves the bracket, to be safe.
     """
-    lim, size = _spare(law, par, d, c, low)
-    g_low = lim / size - 1.0
-    lim, size = _spare(law, par, d, c, high)
-    g_high = lim / size - 1.0
     for k in range(200):
-        if high - low <= 4e-16 * high or g_high == 0.0:
+        least = ROUNDING * high
+        if high - low <= 2.0 * least or g_high == 0.0:
             break
         r = 0.5 * (low + high)
-        if k % 4 != 3:
-            falsi = low - g_low * (high - low) / (g_high - g_low)
-            if low < falsi < high:
-                r = falsi
-        lim, size = _spare(law, par, d, c, r)
-        g = lim / size - 1.0
-        if abs(g) <= 2e-16:
+        falsi = low - g_low * (high - low) / (g_high - g_low)
+        if low <= falsi <= high and (k < 8 or k % 4 != 3):
+            r = min(max(falsi, low + least), high - least)
+        g = _excess(law, par, d, c, r)
+        if abs(g) <= ROUNDING:
             return r
         if g < 0.0:
             m = 1.0 - g / g_low
@@ -172,12 +170,10 @@ def _bracketed(law: Law, par: Array, d: Disc, c: _Curve, low: float, high: float
             m = 1.0 - g / g_high
             g_low *= m if m > 0.0 else 0.5
             high, g_high = r, g
-        if high - low <= 1e-15 * high:
-            break
     return high
 
 
-@jit
+@inline
 def _bound(part: float, other: float, step: float) -> float:
     """A lower bound at the far end of ``step`` of c/(l + r), linear in r and exact at the near end.
 
@@ -237,14 +233,17 @@ def _free_of_roots(
 
 
 @jit
-def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool) -> float:
-    """The greatest r of a root; 0.0: there is none (stick), inf: phi = 0 solves."""
+def _first_root(law: Law, par: Array, d: Disc, c: _Curve, g_end: float) -> float:
+    """The greatest r of a root, given the excess at the end r = 0.
+
+    0.0: there is none (stick), inf: phi = 0 solves.
+    """
     growth = _growth(law, d)
     only_one = False
     if law.rate_slope == 0.0 and law.force_slope == 0.0 and _ends(c):
         spread = (c.l1 + c.l2) / (2.0 * math.sqrt(c.l1 * c.l2))  # |d phi| / d|phi|, Kantorovich
         only_one = law.kinetic * growth * spread < 1.0
-    if only_one and stick_admissible:
+    if only_one and g_end >= 0.0:
         return 0.0
     resting = limit(law, par, c.size, contact(law, d.base).normal)
     if resting <= NOTHING:
@@ -252,9 +251,9 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool
     high = c.size / resting
     if only_one:  # |phi| <= |s~free| / r, so one of these is beyond the root
         for _ in range(200):
-            lim, size = _spare(law, par, d, c, high)
-            if lim >= size:
-                return _bracketed(law, par, d, c, 0.0, high)
+            g_high = _excess(law, par, d, c, high)
+            if g_high >= 0.0:
+                return _bracketed(law, par, d, c, 0.0, g_end, high, g_high)
             high *= 4.0
         return math.inf
     # From infinity down to the first stretch's upper end: there FN is FN(0), give or take growth
@@ -269,51 +268,56 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, stick_admissible: bool
         certain = size < min(law.cap, max(mu, 0.0) * normal)
     if not certain:
         return math.inf
+    g_high = _excess(law, par, d, c, high)
     step = 0.5  # share of r to go down at once
     for _ in range(MOST_STRETCHES):
         low = high * (1.0 - step) if high > 1e-13 * c.l2 else 0.0
-        lim, size = _spare(law, par, d, c, low)
-        if lim >= size and _free_of_roots(law, par, d, c, growth, low, high):
+        g_low = _excess(law, par, d, c, low)
+        if g_low >= 0.0 and _free_of_roots(law, par, d, c, growth, low, high):
             if low == 0.0:
                 return 0.0
-            high = low
+            high, g_high = low, g_low
             step = min(2.0 * step, 0.9)
             continue
-        if step < 1e-6 and lim < size:
-            return _bracketed(law, par, d, c, low, high)
+        if step < 1e-6 and g_low < 0.0:
+            return _bracketed(law, par, d, c, low, g_low, high, g_high)
         if step < 1e-15:  # touches without crossing: a double root
             return high
         step *= 0.25
-    return _searched(law, par, d, c, high)
+    return _searched(law, par, d, c, high, g_high, g_end)
 
 
 @jit
-def _searched(law: Law, par: Array, d: Disc, c: _Curve, high: float) -> float:
+def _searched(
+    law: Law, par: Array, d: Disc, c: _Curve, high: float, g_high: float, g_end: float
+) -> float:
     """The first change of sign below ``high`` on a geometric grid, where bounds took too long.
 
     It happens where limit and traction all but touch over a long stretch, with a coefficient that
     varies.
     """
-    while high > 1e-13 * c.l2 + 1e-290:
-        low = 0.98 * high
-        lim, size = _spare(law, par, d, c, low)
-        if lim < size:
-            return _bracketed(law, par, d, c, low, high)
-        high = low
-    if not _ends(c):
-        return high
-    lim, size = _spare(law, par, d, c, 0.0)
-    return 0.0 if lim >= size else _bracketed(law, par, d, c, 0.0, high)
+    while high > 0.0:
+        low, g_low = 0.98 * high, 0.0
+        if low > 1e-13 * c.l2 + 1e-290:
+            g_low = _excess(law, par, d, c, low)
+        elif _ends(c):
+            low, g_low = 0.0, g_end
+        else:
+            break
+        if g_low < 0.0:
+            return _bracketed(law, par, d, c, low, g_low, high, g_high)
+        high, g_high = low, g_low
+    return high
 
 
-@jit
+@inline
 def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
     """The solution that the selection rule names."""
     flags = 0
     end = _curve(d, 1.0)
     if end.size == 0.0:
         return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, flags)
-    stick_admissible = _sticks(law, par, d, end)
+    stick_admissible = _excess_at_end(law, par, d, end) >= 0.0
     if not (was_stick and stick_admissible):
         before = d.s_minus[0] ** 2 + d.s_minus[1] ** 2
         for attempt in range(2):
@@ -323,8 +327,7 @@ def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
             c = _curve(d, theta)
             if c.size == 0.0:
                 continue
-            sticks = _sticks(law, par, d, c) if theta < 1.0 else stick_admissible
-            r = _first_root(law, par, d, c, sticks)
+            r = _first_root(law, par, d, c, _excess_at_end(law, par, d, c))
             if r == 0.0:
                 continue
             phi = _phi(d, c, r) if r < math.inf else (0.0, 0.0)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.linear import Four
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Contact(NamedTuple):
     normal: float  # FN
 
 
-@jit
+@inline
 def contact(law: Law, reaction: Four) -> Contact:
     """Contact forces of the constraint reactions (f2, f3, m2, m3)."""
     f2, f3, m2, m3 = reaction
@@ -60,7 +60,7 @@ def contact(law: Law, reaction: Four) -> Contact:
     return Contact(radial, moment, bending, abs(radial + bending + law.preload))
 
 
-@jit
+@inline
 def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
     """Mu at a slip rate |s| (m/s) and a contact force (N)."""
     if law.rates > 0:
@@ -70,7 +70,7 @@ def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
     return law.kinetic + (law.static - law.kinetic) * math.exp(-law.decay * rate)
 
 
-@jit
+@inline
 def limit(law: Law, par: Array, rate: float, force: float) -> float:
     """The greatest traction P (N) at a slip rate |s| and a contact force FN."""
     return min(law.cap, coefficient(law, par, rate, force) * force)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from cylconn_ros.core.bodies import Body
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.vectors import (
     Matrix,
     Quaternion,
@@ -27,7 +27,7 @@ class Inertia(NamedTuple):
     mm: Symmetric
 
 
-@jit
+@inline
 def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> Inertia:
     """What a unit wrench at node b does to the velocity there, one body, axes of a."""
     zero = (0.0, 0.0, 0.0)
@@ -49,7 +49,7 @@ def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> I
     return Inertia(ff, fm, j)
 
 
-@jit
+@inline
 def of_both(a: Inertia, b: Inertia) -> Inertia:
     """What opposite wrenches on both bodies do to the relative velocity."""
     x, y = a.ff, b.ff

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core.bodies import Motion
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.vectors import (
     Matrix,
     Quaternion,
@@ -58,7 +58,7 @@ class Angles(NamedTuple):
     half_turn: bool  # misaligned by exactly pi: the swing axis is a choice
 
 
-@jit
+@inline
 def frame(nodes: Nodes, a: Motion, b: Motion) -> Frame:
     """The connector's geometry for two bodies, each given at its mass centre."""
     axes_a = matrix(a.orientation)
@@ -68,7 +68,7 @@ def frame(nodes: Nodes, a: Motion, b: Motion) -> Frame:
     return Frame(matrix(multiply(a.orientation, nodes.a_axes)), d, arm_a, arm_b)
 
 
-@jit
+@inline
 def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
     """J v: the rates of (l, y, z) are exactly v; those of the angles are w where aligned.
 
@@ -79,7 +79,7 @@ def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
     return Twist(into(f.axes, sub(vb, va)), into(f.axes, sub(b.spin, a.spin)))
 
 
-@jit
+@inline
 def angles(q: Quaternion) -> Angles:
     """Swing-twist split of q, the orientation of b in the axes of a."""
     x, y, z, w = q
@@ -101,13 +101,13 @@ def angles(q: Quaternion) -> Angles:
     return Angles(angle, m2, m3, half_turn)
 
 
-@jit
+@inline
 def orientation_in(a: Quaternion, b: Quaternion) -> Quaternion:
     """The orientation b seen from a."""
     return multiply(conjugate(a), b)
 
 
-@jit
+@inline
 def unwrapped(angle: float, predicted: float) -> tuple[float, bool]:
     """The angle with the whole turns nearest to ``predicted``, and whether that is unsure."""
     turns = math.floor((predicted - angle) / (2.0 * math.pi) + 0.5)

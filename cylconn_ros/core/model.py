@@ -9,7 +9,7 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core.bodies import Body
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array, Law
 from cylconn_ros.core.kinematics import Nodes
 from cylconn_ros.core.vectors import Quaternion, Vector
@@ -84,25 +84,25 @@ class Output(NamedTuple):
     torque_limit: float
 
 
-@jit
+@inline
 def vector(a: Array, at: int) -> Vector:
     """Three numbers of ``a``."""
     return (a[at], a[at + 1], a[at + 2])
 
 
-@jit
+@inline
 def quaternion(a: Array, at: int) -> Quaternion:
     """Four numbers of ``a``."""
     return (a[at], a[at + 1], a[at + 2], a[at + 3])
 
 
-@jit
+@inline
 def put(a: Array, at: int, v: Vector) -> None:
     """Write three numbers."""
     a[at], a[at + 1], a[at + 2] = v
 
 
-@jit
+@inline
 def body(par: Array, at: int) -> Body:
     """The body at BODY_A or BODY_B."""
     return Body(
@@ -115,13 +115,13 @@ def body(par: Array, at: int) -> Body:
     )
 
 
-@jit
+@inline
 def nodes(par: Array) -> Nodes:
     """Where the end points are."""
     return Nodes(vector(par, NODE_A), quaternion(par, NODE_A + 3), vector(par, NODE_B))
 
 
-@jit
+@inline
 def law(par: Array) -> Law:
     """The law of friction."""
     at = FRICTION
@@ -142,7 +142,7 @@ def law(par: Array) -> Law:
     )
 
 
-@jit
+@inline
 def output(par: Array) -> Output:
     """How wrenches leave the connector."""
     at = OUTPUT
@@ -156,7 +156,7 @@ def output(par: Array) -> Output:
     )
 
 
-@jit
+@inline
 def given(x: float, otherwise: float) -> float:
     """x, or what stands in for it where it is not set (NaN)."""
     return otherwise if math.isnan(x) else x

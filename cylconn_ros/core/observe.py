@@ -6,7 +6,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Body, Motion, at_com
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.kinematics import (
     Frame,
@@ -50,7 +50,7 @@ class Observed(NamedTuple):
     flags: int
 
 
-@jit
+@inline
 def status_of(sample: Array) -> int:
     """OK, or why the sample cannot be used."""
     for k in range(out_at.NSAMPLE):
@@ -65,7 +65,7 @@ def status_of(sample: Array) -> int:
     return out_at.OK
 
 
-@jit
+@inline
 def _motion(body: Body, sample: Array, pose: int, twist: int) -> Motion:
     return at_com(
         body,
@@ -76,7 +76,7 @@ def _motion(body: Body, sample: Array, pose: int, twist: int) -> Motion:
     )
 
 
-@jit
+@inline
 def _orientation(par: Array, mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Quaternion:
     """Node b's axes in node a's; the first sample fixes them in body B where they are not given."""
     axes_a = multiply(a.orientation, nodes.a_axes)
@@ -90,7 +90,7 @@ def _orientation(par: Array, mem: Array, nodes: Nodes, a: Motion, b: Motion) -> 
     return orientation_in(axes_a, axes_b)
 
 
-@jit
+@inline
 def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     """Measure the connector; write the kinematic part of ``out``; keep reference, turns and work.
 
@@ -140,12 +140,12 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     return Observed(a, b, f, rates, position[0], angle, error, flags)
 
 
-@jit
+@inline
 def _sum(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@jit
+@inline
 def _start(par: Array, mem: Array, position: Vector, angle: float, m2: float, m3: float) -> None:
     """Take this sample as the reference configuration."""
     mem[model.STARTED] = 1.0
@@ -160,7 +160,7 @@ def _start(par: Array, mem: Array, position: Vector, angle: float, m2: float, m3
     mem[model.SPRING0] = _spring_energy(par, mem, position[0], angle)
 
 
-@jit
+@inline
 def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float:
     """Energy in the springs on slide and spin, J."""
     u1 = length - model.given(par[model.REFERENCE + 2], mem[model.LENGTH0])
@@ -168,7 +168,7 @@ def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float
     return 0.5 * (par[model.ELASTICITY] * u1 * u1 + par[model.ELASTICITY + 1] * ur * ur)
 
 
-@jit
+@inline
 def _account(mem: Array, m: Motion, at: int, h: float) -> None:
     """Work of the last wrench on a body: f.dx + h tau.(w + w+)/2, at the mass centre."""
     if h > 0.0:
@@ -181,7 +181,7 @@ def _account(mem: Array, m: Motion, at: int, h: float) -> None:
     model.put(mem, at + 9, m.spin)
 
 
-@jit
+@inline
 def _write(
     par: Array,
     mem: Array,

@@ -2,7 +2,7 @@
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration, at_com, exact_step
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import entry, inline, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.vectors import (
     Vector,
@@ -21,7 +21,7 @@ from cylconn_ros.core.vectors import (
 )
 
 
-@jit
+@entry
 def step(
     par: Array, state: Array, wrench_a: Array, wrench_b: Array, loads: Array, h: float
 ) -> None:
@@ -35,7 +35,7 @@ def step(
     _advance(par, body_b, state, layout.B_POSE, wrench_b, loads, 6, h)
 
 
-@jit
+@inline
 def _motion(body: Body, state: Array, at: int) -> Motion:
     return at_com(
         body,
@@ -104,7 +104,7 @@ def _turning_step(
     return m
 
 
-@jit
+@entry
 def energy(par: Array, state: Array) -> float:
     """Kinetic and gravitational energy of both bodies, J."""
     total = 0.0
@@ -121,7 +121,7 @@ def energy(par: Array, state: Array) -> float:
     return total
 
 
-@jit
+@entry
 def momentum(par: Array, state: Array) -> tuple[float, float, float, float, float, float]:
     """Linear momentum and angular momentum about the world's origin, world axes."""
     p, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ turned frame.
 
 import math
 
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -15,49 +15,49 @@ Matrix = tuple[Vector, Vector, Vector]
 Symmetric = tuple[float, float, float, float, float, float]
 
 
-@jit
+@inline
 def add(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@jit
+@inline
 def sub(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@jit
+@inline
 def scale(s: float, a: Vector) -> Vector:
     """Vector algebra: s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 
-@jit
+@inline
 def add_scaled(a: Vector, s: float, b: Vector) -> Vector:
     """A + s b."""
     return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
 
 
-@jit
+@inline
 def dot(a: Vector, b: Vector) -> float:
     """Vector algebra: a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit
+@inline
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@jit
+@inline
 def norm(a: Vector) -> float:
     """|a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@jit
+@inline
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """The product p q: first the turn q, then the turn p."""
     px, py, pz, pw = p
@@ -70,20 +70,20 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     )
 
 
-@jit
+@inline
 def conjugate(q: Quaternion) -> Quaternion:
     """The turn back."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
-@jit
+@inline
 def normalised(q: Quaternion) -> Quaternion:
     """Q / |q|; the caller has made sure that |q| is not zero."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (s * q[0], s * q[1], s * q[2], s * q[3])
 
 
-@jit
+@inline
 def turned(q: Quaternion, r: Vector) -> Quaternion:
     """The orientation q after a further turn by the rotation vector r (world axes)."""
     squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
@@ -97,7 +97,7 @@ def turned(q: Quaternion, r: Vector) -> Quaternion:
     return normalised(multiply((half * r[0], half * r[1], half * r[2], w), q))
 
 
-@jit
+@inline
 def matrix(q: Quaternion) -> Matrix:
     """The axes of a frame of orientation q, as columns."""
     x, y, z, w = q
@@ -108,7 +108,7 @@ def matrix(q: Quaternion) -> Matrix:
     )
 
 
-@jit
+@inline
 def out_of(m: Matrix, a: Vector) -> Vector:
     """M a: components in the turned frame to components in the outer one."""
     return (
@@ -118,13 +118,13 @@ def out_of(m: Matrix, a: Vector) -> Vector:
     )
 
 
-@jit
+@inline
 def into(m: Matrix, a: Vector) -> Vector:
     """m^T a: components in the outer frame to components in the turned one."""
     return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
 
 
-@jit
+@inline
 def times(i: Symmetric, a: Vector) -> Vector:
     """The symmetric tensor times a vector."""
     return (
@@ -134,7 +134,7 @@ def times(i: Symmetric, a: Vector) -> Vector:
     )
 
 
-@jit
+@inline
 def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
     """M i m^T: a tensor given in the turned frame, expressed in the outer one."""
     r0 = (m[0][0], m[1][0], m[2][0])
@@ -144,7 +144,7 @@ def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
     return (dot(r0, i0), dot(r0, i1), dot(r0, i2), dot(r1, i1), dot(r1, i2), dot(r2, i2))
 
 
-@jit
+@inline
 def product(a: Matrix, b: Matrix) -> Matrix:
     """a^T b: the axes of b seen from a."""
     return (into(a, b[0]), into(a, b[1]), into(a, b[2]))

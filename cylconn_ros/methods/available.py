@@ -26,7 +26,7 @@ from cylconn_ros.core.bounds import (
     locks,
     start_imposed,
 )
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.disc import disc_problem, reaction, solve_disc
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.linear import Four
@@ -84,7 +84,7 @@ class Available(NamedTuple):
     restitution: float
 
 
-@jit
+@inline
 def available(
     par: Array, mem: Array, o: Observed, r: Reduced, h: float, explicit: bool
 ) -> Available:
@@ -136,7 +136,7 @@ def available(
     )
 
 
-@jit
+@inline
 def _stop_bits(side: int) -> int:
     """Which stop of a component is in contact: 1 the lower, 2 the upper."""
     if side < 0:
@@ -144,7 +144,7 @@ def _stop_bits(side: int) -> int:
     return 2 if side > 0 else 0
 
 
-@jit
+@inline
 def _stretch(par: Array, mem: Array, o: Observed) -> Two:
     """u1mat and ur1mat: from the constitutive reference."""
     ref = model.REFERENCE
@@ -154,7 +154,7 @@ def _stretch(par: Array, mem: Array, o: Observed) -> Two:
     )
 
 
-@jit
+@inline
 def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation: Two) -> Sprung:
     """Take in e - E w+ with E = k h/4 + c/2: with W = (I + hA E)^-1, S = W hA."""
     at = model.ELASTICITY
@@ -180,7 +180,7 @@ def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation
     )
 
 
-@jit
+@inline
 def _within(
     par: Array,
     mem: Array,
@@ -228,7 +228,7 @@ def _within(
     return best, best_sides
 
 
-@jit
+@inline
 def _wrong(b: Bounds, fixed: bool, side: int, rate: float, reaction: float, s: float) -> float:
     """By how much, as a rate, a choice breaks its own condition; 0: it does not."""
     if fixed:
@@ -308,7 +308,7 @@ def _restitution(
     return low
 
 
-@jit
+@inline
 def _remember_impacts(mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: float) -> float:
     """Keep what an impact's second step needs; the coefficient that acts in this step."""
     acting = 0.0
@@ -326,7 +326,7 @@ def _remember_impacts(mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: floa
     return acting
 
 
-@jit
+@inline
 def reactions(r: Reduced, f1: float, m1: float) -> Four:
     """The constraint reactions (f2, f3, m2, m3) that go with (f1, m1)."""
     return (
@@ -337,7 +337,7 @@ def reactions(r: Reduced, f1: float, m1: float) -> Four:
     )
 
 
-@jit
+@inline
 def _along(r: Reduced, f1: float, m1: float) -> Four:
     """by_f1 f1 + by_m1 m1."""
     return (
@@ -348,7 +348,7 @@ def _along(r: Reduced, f1: float, m1: float) -> Four:
     )
 
 
-@jit
+@inline
 def _friction(
     par: Array,
     mem: Array,
@@ -408,7 +408,7 @@ def _friction(
     return (p, radius * q), sol.regime, sol.flags, sol.s_mean, residual
 
 
-@jit
+@inline
 def _remember_friction(par: Array, mem: Array, o: Observed, solved: Solved, h: float) -> None:
     """Accumulated slip and how long it has stuck."""
     if solved.regime == out_at.FRICTIONLESS:
@@ -425,7 +425,7 @@ def _remember_friction(par: Array, mem: Array, o: Observed, solved: Solved, h: f
     mem[model.WAS_STICK] = 1.0 if solved.regime == out_at.STICK else 0.0
 
 
-@jit
+@inline
 def report(
     par: Array,
     mem: Array,
@@ -467,7 +467,7 @@ def report(
         out[out_at.STOP_TIME] = _time_to_rest(law.radius, o, r, greatest, h)
 
 
-@jit
+@inline
 def _time_to_rest(radius: float, o: Observed, r: Reduced, greatest: float, h: float) -> float:
     """|s| / |ds/dt| with friction at its limit against the slip velocity, at most the period."""
     s1, s2 = o.twist.v[0], radius * o.twist.w[0]

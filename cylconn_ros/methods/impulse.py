@@ -32,7 +32,7 @@ from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.answer import write_wrenches
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.inertia import Inertia, of_body, of_both
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
@@ -64,7 +64,7 @@ class Free(NamedTuple):
     orientation: Quaternion  # at the half of the step
 
 
-@jit
+@inline
 def _free(
     par: Array, body: Body, m: Motion, load: Vector, torque: Vector, h: float, explicit: bool
 ) -> Free:
@@ -88,7 +88,7 @@ def _free(
     return Free(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
 
 
-@jit
+@inline
 def _ahead(m: Motion, h: float) -> Motion:
     """q^ = q + h v, with the velocity as it is."""
     return Motion(
@@ -99,7 +99,7 @@ def _ahead(m: Motion, h: float) -> Motion:
     )
 
 
-@jit
+@inline
 def pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
     """-e/h, its size limited to the pull-in speed."""
     size = math.sqrt(e1 * e1 + e2 * e2)
@@ -150,7 +150,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return flags
 
 
-@jit
+@inline
 def _loaded(
     par: Array, body: Body, m: Motion, sample: Array, at: int, h: float, explicit: bool
 ) -> Free:
@@ -161,7 +161,7 @@ def _loaded(
     return _free(par, body, m, load, torque, h, explicit)
 
 
-@jit
+@inline
 def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> Twist:
     """(J(q^) - J~) v: what the geometry adds to J~v+ until the end of the step."""
     if explicit:
@@ -172,7 +172,7 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> T
     return Twist(sub(there.v, here.v), sub(there.w, here.w))
 
 
-@jit
+@inline
 def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -> tuple[Four, bool]:
     """target_c, and whether an error is being pulled in at its bounded speed."""
     e, w = o.error, o.twist
@@ -188,12 +188,12 @@ def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -
     return target, far_offset or far_angle
 
 
-@jit
+@inline
 def _dot4(a: Four, b: Four) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@jit
+@inline
 def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -> Reduced:
     """Solve w+_c = target_c for (f2, f3, m2, m3), for no force and for a unit f1 and m1."""
     ff, fm, mm = g.ff, g.fm, g.mm
@@ -221,7 +221,7 @@ def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) ->
     return Reduced(base, by_f1, by_m1, free, a)
 
 
-@jit
+@inline
 def unmet(
     g: Inertia, wf: Twist, turning: Twist, target: Four, f: Vector, m: Vector, h: float
 ) -> float:

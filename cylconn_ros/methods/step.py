@@ -5,7 +5,7 @@ from typing import Final
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import entry, inline
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.observe import status_of
 from cylconn_ros.methods import augmented_lagrangian, baumgarte, impulse, penalty
@@ -22,7 +22,7 @@ NAMES: Final[dict[str, int]] = {
 }
 
 
-@jit
+@inline
 def _nothing(out: Array, status: int) -> None:
     """A zero wrench and the reason."""
     for k in range(out_at.NOUT):
@@ -30,7 +30,7 @@ def _nothing(out: Array, status: int) -> None:
     out[out_at.STATUS] = status
 
 
-@jit
+@entry
 def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Answer one sample.
 
@@ -70,7 +70,7 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
     return out_at.OK
 
 
-@jit
+@entry
 def run(method: int, par: Array, mem: Array, samples: Array, h: float, outs: Array) -> None:
     """Answer (N, NSAMPLE) samples in order into (N, NOUT)."""
     for k in range(samples.shape[0]):
