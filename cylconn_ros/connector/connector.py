@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.packing import choose_method, describe_model, pack
+from cylconn_ros.connector.description import describe_model
+from cylconn_ros.connector.packing import choose_method, pack
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout, model
 from cylconn_ros.methods import step as methods

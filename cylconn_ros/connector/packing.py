@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.parameters import SceneError, show
+from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Body, Friction, Node, Scene
 from cylconn_ros.core import model
 
@@ -189,24 +189,3 @@ def _penalty(scene: Scene, method: str) -> list[float]:
             stick = greatest * abs(friction.preload) / allowed or stick
     stick_damping = gains.damping * stick / gains.stiffness
     return [gains.stiffness, swing, gains.damping, swing_damping, float(stick), stick_damping]
-
-
-def describe_model(scene: Scene, method: str) -> str:
-    """One line: what is modelled, what is left out and why."""
-    friction = scene.friction
-    parts = [f"method {method}" + (" (auto)" if scene.method == "auto" else "")]
-    for name, body in (("A", scene.body_a), ("B", scene.body_b)):
-        parts.append(f"body {name} {body.kind}")
-    if not friction.on:
-        parts.append("no friction: the reactions are a linear solve")
-    else:
-        mu = "table" if friction.table is not None else show(friction.coefficient)
-        text = f"friction {mu}, radius {show(friction.radius)} m"
-        if friction.overlap == 0.0:
-            text += ", overlap 0: bending moments add no normal force"
-        else:
-            text += f", overlap {show(friction.overlap)} m"
-        parts.append(text)
-    if scene.elasticity.k1 or scene.elasticity.kr1 or scene.damping.c1 or scene.damping.cr1:
-        parts.append("springs and dampers on slide and spin")
-    return "; ".join(parts)
