@@ -13,6 +13,7 @@ import pytest
 from scenes import bundled
 
 from cylconn_ros.bench import accuracy, frames, kernel, methods, orders, report, timing, worker
+from cylconn_ros.bench.document import replaced
 from cylconn_ros.bench.errors import AbsentError, LeftOutError
 from cylconn_ros.bench.mujoco_peer import MujocoScene, document
 from cylconn_ros.bench.problems import handful
@@ -182,6 +183,16 @@ def test_results_are_json_without_holes() -> None:
         assert text in printed
 
 
+def test_results_take_their_place_in_a_page() -> None:
+    page = "a\n<!-- cylconn bench kernel -->\nold\n<!-- end -->\nb\n<!-- cylconn bench orders -->\n"
+    new = replaced(page, "cylconn bench kernel", "| new \\1 |\n")
+    assert "old" not in new
+    assert "<!-- cylconn bench kernel -->\n\n| new \\1 |\n\n<!-- end -->\nb\n" in new
+    assert replaced(new, "cylconn bench kernel", "| new \\1 |\n") == new
+    with pytest.raises(ValueError, match="<!-- cylconn bench orders -->"):  # has no end
+        replaced(page, "cylconn bench orders", "")
+
+
 # --- the commands ---
 
 
@@ -246,6 +257,21 @@ def test_what_cannot_be_measured_fails_the_command(
     monkeypatch.setattr(bench, "parts", lambda what: (("one", missing),))
     assert main.main(["bench", "kernel"]) == 0
     assert main.main(["bench", "kernel", "--strict"]) == 1
+
+
+def test_a_page_is_checked_before_the_work_and_written_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench, "parts", lambda what: (("one", lambda _: Findings()),))
+    page = tmp_path / "page.md"
+    for there in (None, "no place for results"):
+        if there is not None:
+            page.write_text(there)
+        assert main.main(["bench", "kernel", "--document", str(page)]) == main.USAGE_ERROR
+        assert "page.md" in capsys.readouterr().err
+    page.write_text("<!-- cylconn bench kernel -->\n<!-- end -->\n")
+    assert main.main(["bench", "kernel", "--document", str(page)]) == 0
+    assert "processor" in page.read_text()
 
 
 def test_sources_that_change_meanwhile_spoil_the_results(monkeypatch: pytest.MonkeyPatch) -> None:

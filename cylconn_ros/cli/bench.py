@@ -1,7 +1,7 @@
 """Measure speed and accuracy, of our methods and of what people would use instead.
 
   kernel   what an answer costs: compiled, called from Python, without the compiler, beside
-           MuJoCo's step; start-up; minimal against SciPy and MuJoCo's RK4
+           MuJoCo's step; start-up; minimal beside SciPy and MuJoCo's RK4
   orders   orders of convergence and costs of every method on a set of scenes
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
@@ -22,7 +22,7 @@ from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.connector.scene import Scene, load
 
 if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
-    from cylconn_ros.bench.results import Findings
+    from cylconn_ros.bench.results import Findings, Report
     from cylconn_ros.bench.settings import Settings
 
     Part = Callable[[Settings], Findings]
@@ -35,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
     )
+    parser.add_argument(
+        "--document", type=Path, metavar="FILE", help="put the results into this Markdown page"
+    )
     parser.add_argument("--strict", action="store_true", help="fail where a target is missed")
 
 
@@ -45,33 +48,61 @@ def run(options: argparse.Namespace) -> int:
     from cylconn_ros.bench.results import Gap, Report
     from cylconn_ros.bench.settings import Settings
 
-    output: Path | None = options.output
-    if output is not None:
-        if output.suffix != ".json":
-            raise CommandError(f"{output}: results end in .json")
-        if output.exists():
-            raise CommandError(f"{output} exists; results are never overwritten")
+    command = f"cylconn bench {options.what}"
+    _check_files(options, command)
     settings = (Settings.short if options.quick else Settings)(_bundled)
-    command = f"cylconn bench {options.what}" + (" --quick" if options.quick else "")
-    report = Report(command, settings.described())
+    report = Report(command + (" --quick" if options.quick else ""), settings.described())
     for name, part in parts(options.what):
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         report.findings.add(attempt(name, part, settings))
     if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
         reason = "the sources changed meanwhile: the numbers belong together no more"
         report.findings.gaps.append(Gap("all", "all", "failed", reason))
-    print(reports.text(report, reports.orders if options.what == "orders" else None))
-    if output is not None:
-        try:
-            output.parent.mkdir(parents=True, exist_ok=True)
-            with output.open("x", encoding="utf-8") as file:
-                file.write(report.json())
-        except OSError as error:
-            raise CommandError(f"{output}: {error.strerror or error}") from None
-        print(f"kept in {output}")
+    text = reports.text(report, reports.orders if options.what == "orders" else None)
+    print(text)
+    _keep(options, command, text, report)
     for gap in report.failed:
         print(f"could not be measured: {gap.contestant}: {gap.reason}", file=sys.stderr)
     return int(bool(report.failed) or (options.strict and bool(report.missed)))
+
+
+def _check_files(options: argparse.Namespace, command: str) -> None:
+    """Refuse before the work what would be refused after it."""
+    from cylconn_ros.bench.document import replaced
+
+    output: Path | None = options.output
+    page: Path | None = options.document
+    if output is not None:
+        if output.suffix != ".json":
+            raise CommandError(f"{output}: results end in .json")
+        if output.exists():
+            raise CommandError(f"{output} exists; results are never overwritten")
+    if page is not None:
+        try:
+            replaced(page.read_text(encoding="utf-8"), command, "")
+        except OSError as error:
+            raise CommandError(f"{page}: {error.strerror or error}") from None
+        except ValueError as error:
+            raise CommandError(f"{page}: {error}") from None
+
+
+def _keep(options: argparse.Namespace, command: str, text: str, report: Report) -> None:
+    from cylconn_ros.bench.document import replaced
+
+    output: Path | None = options.output
+    page: Path | None = options.document
+    try:
+        if output is not None:
+            output.parent.mkdir(parents=True, exist_ok=True)
+            with output.open("x", encoding="utf-8") as file:
+                file.write(report.json())
+            print(f"kept in {output}")
+        if page is not None:
+            old = page.read_text(encoding="utf-8")
+            page.write_text(replaced(old, command, text), encoding="utf-8")
+            print(f"written into {page}")
+    except OSError as error:
+        raise CommandError(f"{error.filename}: {error.strerror or error}") from None
 
 
 def parts(what: str) -> Sequence[tuple[str, Part]]:
