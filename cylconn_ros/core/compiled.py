@@ -39,31 +39,32 @@ COMPILED = numba is not None
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def _digest() -> str:
-    package = Path(__file__).parent.parent
-    digest = hashlib.sha256(f"numba {numba.__version__}".encode())
+def digest(package: Path) -> str:
+    """What tells one state of the physics' sources from another, and one compiler from another."""
+    known = hashlib.sha256(f"numba {numba.__version__}".encode() if COMPILED else b"")
     for source in sorted((*package.glob("core/*.py"), *package.glob("methods/*.py"))):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
+        known.update(source.read_bytes())
+    return known.hexdigest()[:16]
 
 
-def _cache_directory() -> str:
+def cache_directory() -> str:
+    """Where compiled code is kept, made if need be; empty: beside the source, if numba can."""
     home = os.environ.get("CYLCONN_CACHE_DIR")
     caches = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     temporary = Path(tempfile.gettempdir(), f"cylconn_ros-{os.getuid()}")
     for root in (Path(home) if home else caches / "cylconn_ros", temporary):
-        directory = root / _digest()
+        directory = root / digest(Path(__file__).parent.parent)
         try:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
         if os.access(directory, os.W_OK):
             return str(directory)
-    return ""  # numba's own choice, beside the source
+    return ""
 
 
 if COMPILED:
-    _DIRECTORY = _cache_directory()
+    _DIRECTORY = cache_directory()
 
     def jit(function: Function) -> Function:
         """Compile ``function`` for the entries that call it."""
@@ -96,6 +97,11 @@ if COMPILED:
     def entry_that_allocates(function: Function) -> Function:
         """Compile an entry that makes arrays."""
         return _entry(function, allocates=True)
+
+    def is_ready(function: Callable[..., Any]) -> bool:
+        """Whether an entry runs at once: compiled before, by this program or an earlier one."""
+        index = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
+        return bool(getattr(function, "signatures", ())) or any(Path(_DIRECTORY).rglob(index))
 else:
 
     def jit(function: Function) -> Function:
@@ -122,3 +128,7 @@ else:
         return lent  # type: ignore[return-value]
 
     entry_that_allocates = entry
+
+    def is_ready(function: Callable[..., Any]) -> bool:
+        """Whether an entry runs at once: always, as nothing is compiled."""
+        return True
