@@ -32,7 +32,7 @@ class Problem:
 
 
 def handful(load: SceneLoader) -> Iterator[Problem]:
-    """The problems whose orders are fitted; periods up to 8 ms divide their durations."""
+    """The problems whose orders are fitted; periods up to 4 ms divide their durations."""
     yield _coast(load("coast"))
     yield _constant_normal_force(load("slide_and_spin"))
     yield _clamp(load("demo"))
