@@ -1,0 +1,254 @@
+"""Integration from event to event: the loop over steps, and what each event does to the state."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cylconn_ros.core import model
+from cylconn_ros.core.compiled import entry_that_allocates, jit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.methods import minimal_motion as motion
+from cylconn_ros.methods import minimal_place as at
+from cylconn_ros.methods.minimal_forces import Sides
+from cylconn_ros.methods.minimal_impacts import bring_to_rest, impact
+from cylconn_ros.methods.minimal_motion import (
+    error,
+    located,
+    note,
+    nudged,
+    rates_at,
+    settled,
+    size_of,
+    slowest,
+    step,
+    watch,
+)
+from cylconn_ros.methods.minimal_tableau import STAGES
+
+SMALLEST: Final = 1e-14  # s, of a step that still has a finite force: below it is a jam
+
+
+class State(NamedTuple):
+    """Which equations hold."""
+
+    stuck: bool
+    sides: Sides
+    locked: bool
+    jammed: bool
+
+
+class Ran(NamedTuple):
+    """How an integration went."""
+
+    t: float
+    state: State
+    events: int
+    evaluations: int
+    complete: bool  # False: too many steps
+
+
+@jit
+def begun(
+    par: Array, joint: Array, t: float, y: Array, k: Array, locked: bool, was_stick: bool,
+    left: float,
+) -> tuple[float, State]:  # fmt: skip
+    """Find the equations that hold from t on; from rest into slip, make its first instant."""
+    stuck, sides, a, jammed = settled(par, joint, t, y, locked, was_stick)
+    taken = 0.0
+    friction = model.law(par).on
+    if friction and not stuck and y[at.SLIDE] == 0.0 and y[at.SPIN] == 0.0:
+        taken = nudged(par, joint, t, y, a, sides, k, left)
+    return taken, State(stuck, sides, locked, jammed)
+
+
+@jit
+def _passing(par: Array, y: Array, locked: bool) -> float:
+    """The side from which the locking component nears the lock's position; 0: it does not."""
+    if par[model.LOCK] == 0.0 or locked or math.isnan(par[model.LOCK + 1]):
+        return 0.0
+    away = y[at.LENGTH + int(par[model.LOCK]) - 1] - par[model.LOCK + 1]
+    return 1.0 if away > 0.0 else (-1.0 if away < 0.0 else 0.0)
+
+
+@jit
+def _struck(
+    par: Array, joint: Array, t: float, y: Array, event: int, s: State
+) -> tuple[bool, int, float]:
+    """Do what an event does: whether it is locked now, the kind of event, its restitution."""
+    n = size_of(joint)
+    if event == motion.STICKS:
+        return s.locked, motion.BREAKS_AWAY, 0.0
+    if event == motion.LOCK_AT or event == motion.LOCK_FORCE:
+        k = int(par[model.LOCK]) - 1
+        if event == motion.LOCK_AT:
+            y[at.LENGTH + k] = par[model.LOCK + 1]
+        sides = (2, s.sides[1]) if k == 0 else (s.sides[0], 2)
+        bring_to_rest(par, joint, t, y, n, sides)
+        return True, motion.LOCKS, 0.0
+    k = (event - motion.GAPS) // 2
+    if s.sides[k] != 0:
+        return s.locked, motion.RELEASES, 0.0
+    y[at.LENGTH + k] = par[model.STOPS + event - motion.GAPS]
+    eps = par[model.STOPS + 4]
+    if eps * abs(y[at.SLIDE + k]) < motion.SLOW:
+        eps = 0.0
+    return s.locked, motion.IMPACTS, impact(par, joint, t, y, n, k, eps, s.sides)
+
+
+@jit
+def _longest(
+    par: Array, joint: Array, i: motion.Instant, y: Array, s: State, slowing: float
+) -> float:
+    """The longest step that the state allows."""
+    if s.stuck:
+        return slowest(joint, i)
+    longest = math.inf
+    if slowing > 0.0:
+        longest = motion.SHARE * i.slip / slowing
+    for k in range(2):  # not over the turning point of a bounce
+        low = y[at.LENGTH + k] - par[model.STOPS + 2 * k]
+        high = par[model.STOPS + 2 * k + 1] - y[at.LENGTH + k]
+        v, a = y[at.SLIDE + k], i.acceleration[k]
+        if s.sides[k] == 0 and (low < math.inf or high < math.inf) and v * a < 0.0:
+            longest = min(longest, max(0.95 * abs(v / a), motion.NUDGE))
+    return longest
+
+
+@jit
+def _rest(
+    par: Array, joint: Array, t: float, y: Array, k: Array, i: motion.Instant, slowing: float
+) -> float:
+    """Along a straight line to rest; the time it takes."""
+    h = i.slip / slowing
+    y[at.LENGTH] += 0.5 * h * y[at.SLIDE]
+    y[at.ANGLE] += 0.5 * h * y[at.SPIN]
+    y[at.SLIDE] = y[at.SPIN] = 0.0
+    for j in range(at.A_COM, y.shape[0]):
+        y[j] += h * k[j]
+    y[size_of(joint) + motion.SLIPPED] -= 0.5 * h * i.slip
+    return h
+
+
+@jit
+def _slowing(par: Array, i: motion.Instant, y: Array) -> float:
+    """-d|s|/dt of friction's slip velocity; 0 where there is no friction."""
+    law = model.law(par)
+    if not law.on or i.slip == 0.0:
+        return 0.0
+    turning = law.radius * law.radius * y[at.SPIN] * i.acceleration[1]
+    return -(y[at.SLIDE] * i.acceleration[0] + turning) / i.slip
+
+
+@jit
+def _ahead(
+    par: Array, joint: Array, t: float, y: Array, h: float, s: State, tolerance: float,
+    before: tuple[float, float], k: Array, new: Array,
+) -> tuple[float, float, float, int]:  # fmt: skip
+    """A step of at most h within tolerance into ``new``.
+
+    Returns its length (0 where no step has a finite force), the next one's, its error, how often
+    it was tried. ``before`` (length and error of the last step, 0: none) tells the trend: towards
+    rest each step is shorter than the last (Gustafsson's predictive controller).
+    """
+    n, tries = size_of(joint), 0
+    while h >= SMALLEST:
+        tries += 1
+        finite = step(par, joint, t, y, h, s.stuck, s.sides, k, new)
+        e = error(y, new, k, h, n, tolerance) if finite else math.inf
+        if e <= 1.0:
+            grown = min(10.0, 0.9 * e**-0.125) if e > 0.0 else 10.0
+            if before[0] > 0.0 and before[1] > 0.0 and e > 0.0:
+                grown = min(grown, 0.9 * h / before[0] * (before[1] / e) ** 0.125 * e**-0.125)
+            return h, h * max(grown, 0.2), e, tries
+        h *= max(0.2, 0.9 * e**-0.125) if e < math.inf else 0.2
+    return 0.0, h, math.inf, tries
+
+
+@jit
+def _first_event(
+    par: Array, joint: Array, t: float, y: Array, h: float, s: State, passing: float, k: Array,
+    new: Array, before: Array, seen: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Of the events that have happened after h, the first, and when; ``new`` is brought there."""
+    event, least, ended = 0, math.inf, seen.copy()
+    for c in range(motion.WATCHED):
+        if ended[c] < 0.0:
+            seen[c] = ended[c]
+            taken = located(
+                par, joint, t, y, h, s.stuck, s.sides, s.locked, passing, c, k, new, before, seen,
+                k[STAGES],
+            )  # fmt: skip
+            if taken < least:
+                event, least = c, taken
+    step(par, joint, t, y, least, s.stuck, s.sides, k, new)
+    return event, least
+
+
+@entry_that_allocates
+def integrate(
+    par: Array, joint: Array, y: Array, t: float, end: float, tolerance: float, first: float,
+    locked: bool, was_stick: bool, log: Array, count: int, most: int,
+) -> Ran:  # fmt: skip
+    """Advance ``y``, in place, from t to ``end``.
+
+    Args:
+        par, joint, y: the scene, what the coordinates are counted from, coordinates and integrals.
+        tolerance: of a step, relative and a tenth of it absolute (SI units).
+        first: the first step to try, s. locked: whether the lock has closed.
+        was_stick: whether it sticks up to t, which decides between several solutions.
+        log: (events, 5) for events, ``count`` of which are in it. most: steps to take at most.
+    """
+    k = np.zeros((STAGES + 1, y.shape[0]))
+    new, seen, before = np.zeros(y.shape[0]), np.zeros(motion.WATCHED), np.zeros(motion.WATCHED)
+    taken, s = begun(par, joint, t, y, k[0], locked, was_stick, end - t)
+    t += taken
+    i = rates_at(par, joint, t, y, s.stuck, s.sides, k[0])
+    h, trend, greatest, evaluations = first, (0.0, 0.0), 0.0, 0
+    rest = max(motion.REST, 0.01 * math.sqrt(tolerance))
+    for _ in range(most):
+        if not t < end:
+            return Ran(t, s, count, evaluations, True)
+        slowing = _slowing(par, i, y)
+        greatest = max(greatest, i.slip)
+        kind, restitution, locks = 0, 0.0, s.locked
+        near = slowing > 0.0 and i.slip <= rest * greatest
+        if i.jammed:
+            kind = motion.JAMS
+        elif near and i.slip < slowing * (end - t):
+            t += _rest(par, joint, t, y, k[0], i, slowing)
+            kind = motion.RESTS
+        else:
+            passing = _passing(par, y, s.locked)
+            watch(par, i, y, s.stuck, s.sides, s.locked, passing, before)
+            longest = min(_longest(par, joint, i, y, s, slowing), end - t)
+            h = longest if s.stuck else min(h, longest)
+            h, grown, e, tries = _ahead(par, joint, t, y, h, s, tolerance, trend, k, new)
+            evaluations += tries * STAGES
+            if h == 0.0:
+                kind = motion.JAMS
+            else:
+                i = rates_at(par, joint, t + h, new, s.stuck, s.sides, k[STAGES])
+                event, last = -1, h >= end - t
+                if watch(par, i, new, s.stuck, s.sides, s.locked, passing, seen) > 0:
+                    event, h = _first_event(
+                        par, joint, t, y, h, s, passing, k, new, before, seen
+                    )
+                    last = False
+                y[:] = new
+                k[0] = k[STAGES]
+                t = end if last else t + h
+                h, trend = grown, (h, e)
+                if event >= 0:
+                    locks, kind, restitution = _struck(par, joint, t, y, event, s)
+        if kind != 0:
+            if kind == motion.JAMS:
+                bring_to_rest(par, joint, t, y, size_of(joint), (2, 2))
+            taken, s = begun(par, joint, t, y, k[0], locks, kind == motion.BREAKS_AWAY, end - t)
+            if kind == motion.RESTS and not s.stuck:
+                kind = motion.REVERSES
+            count = note(log, count, t, kind, y, restitution)
+            t += taken
+            h, trend, greatest = (10.0 * taken if taken > 0.0 else h), (0.0, 0.0), 0.0
+            i = rates_at(par, joint, t, y, s.stuck, s.sides, k[0])
+    return Ran(t, s, count, evaluations, False)

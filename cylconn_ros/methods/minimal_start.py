@@ -1,0 +1,75 @@
+"""From a sample to the scene's own coordinates."""
+
+import math
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.bodies import Motion
+from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.observe import Observed
+from cylconn_ros.core.vectors import cross, matrix, out_of, sub
+from cylconn_ros.methods import minimal_place as at
+
+
+@jit
+def mode_of(par: Array) -> int:
+    """Which body moves by itself, if any."""
+    if par[model.BODY_A] == 0.0:
+        return at.A_MOVES
+    if par[model.BODY_B] == 0.0:
+        return at.B_MOVES
+    return at.BOTH_FREE
+
+
+@jit
+def _put_motion(a: Array, first: int, m: Motion) -> None:
+    model.put(a, first, m.com)
+    for k in range(4):
+        a[first + 3 + k] = m.orientation[k]
+    model.put(a, first + 7, m.velocity)
+    model.put(a, first + 10, m.spin)
+
+
+@jit
+def start(
+    par: Array, mem: Array, sample: Array, o: Observed, hold_torque: bool, joint: Array, y: Array
+) -> None:
+    """Fill ``joint`` (NJOINT,) and the coordinates of ``y``; what violates the constraint is dropped.
+
+    ``hold_torque``: the loads' torques about the mass centres stay as they are in this sample (a
+    held wrench), instead of turning with the body.
+    """
+    mode = mode_of(par)
+    joint[at.MODE] = mode
+    _put_motion(joint, at.PRESCRIBED, o.b if mode == at.B_MOVES else o.a)
+    joint[at.OFFSETS], joint[at.OFFSETS + 1] = mem[model.TARGET], mem[model.TARGET + 1]
+    m2, m3 = mem[model.TARGET + 2], mem[model.TARGET + 3]
+    swing = math.sqrt(m2 * m2 + m3 * m3)
+    s = -math.sin(0.5 * swing) / swing if swing > 0.0 else 0.0
+    joint[at.SWING], joint[at.SWING + 1], joint[at.SWING + 2] = 0.0, s * m2, s * m3
+    joint[at.SWING + 3] = math.cos(0.5 * swing)
+    for k in range(4):
+        joint[at.AXES_B + k] = mem[model.AXES_B + k]
+    for k in range(12):
+        joint[at.LOADS + k] = sample[out_at.A_LOAD + k]
+    joint[at.HELD_TORQUE] = 0.0
+    if hold_torque:
+        joint[at.HELD_TORQUE] = 1.0
+        for k in range(2):
+            body = model.body(par, model.BODY_A if k == 0 else model.BODY_B)
+            m = o.a if k == 0 else o.b
+            load = at.LOADS + 6 * k
+            arm = cross(out_of(matrix(m.orientation), body.com), model.vector(joint, load))
+            model.put(joint, load + 3, sub(model.vector(joint, load + 3), arm))
+    ref = model.REFERENCE
+    joint[at.CONSTITUTIVE] = model.given(par[ref + 2], mem[model.LENGTH0])
+    joint[at.CONSTITUTIVE + 1] = model.given(par[ref + 3], mem[model.ANGLE0])
+
+    y[at.LENGTH], y[at.ANGLE], y[at.SLIDE] = o.length, o.angle, o.twist.v[0]
+    # of the relative spin, what is along e1b: (cos, 0, 0) + sin across it in the axes of a
+    share = math.sin(swing) / swing if swing > 0.0 else 1.0
+    w = o.twist.w
+    y[at.SPIN] = math.cos(swing) * w[0] - share * m3 * w[1] + share * m2 * w[2]
+    if mode == at.BOTH_FREE:
+        _put_motion(y, at.A_COM, o.a)
