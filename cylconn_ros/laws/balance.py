@@ -86,10 +86,14 @@ def parts(p: Parameters, o: Observed, s: Step, out: Array, end: Array, size: Arr
         way = o.place[:, k] - reference + 0.25 * p.h * (o.w[:, AVAILABLE[k]] + ends[:, k])
         way_size = o.place_size[:, k] + np.abs(reference)
         way_size += 0.25 * p.h * (o.w_size[:, AVAILABLE[k]] + ends_size[:, k])
-        rows.append(ratio(five[:, 0] + p.stiffness[:, k] * way, p.stiffness[:, k] * way_size))
+        spring, spring_size = p.stiffness[:, k] * way, p.stiffness[:, k] * way_size
+        rows.append(ratio(five[:, 0] + spring, spring_size))
         speed = 0.5 * (o.w[:, AVAILABLE[k]] + ends[:, k])
         speed_size = 0.5 * (o.w_size[:, AVAILABLE[k]] + ends_size[:, k])
-        rows.append(ratio(five[:, 1] + p.damping[:, k] * speed, p.damping[:, k] * speed_size))
+        damper, damper_size = p.damping[:, k] * speed, p.damping[:, k] * speed_size
+        # both in one row: a stiff spring's rounding moves the end of the step for the damper
+        both = five[:, 0] + five[:, 1] + spring + damper
+        rows.append(ratio(both, spring_size + damper_size))
     pressed = contact(p, out[:, layout.FORCE : layout.MOMENT], _moment(out))
     names = (layout.RADIAL_FORCE, layout.BENDING_MOMENT, layout.BENDING_FORCE, layout.NORMAL_FORCE)
     for at, value in zip(names, pressed, strict=True):

@@ -30,6 +30,18 @@ def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Arr
     return mu
 
 
+def slopes(p: Parameters, tables: Sequence[Table]) -> tuple[Array, Array]:
+    """(n,) the greatest |d mu / d|s|| and |d mu / d FN|."""
+    by_rate, by_force = p.decay * np.abs(p.static - p.kinetic), np.zeros_like(p.decay)
+    for number in np.unique(p.table[p.table >= 0]):
+        table, rows = tables[number], p.table == number
+        steps = np.abs(np.diff(table.values, axis=0)) / np.diff(table.rates)[:, None]
+        by_rate[rows] = steps.max(initial=0.0)
+        steps = np.abs(np.diff(table.values, axis=1)) / np.diff(table.forces)[None, :]
+        by_force[rows] = steps.max(initial=0.0)
+    return by_rate, by_force
+
+
 def interpolated(table: Table, rate: Array, force: Array) -> Array:
     """(n,) bilinear in the table, constant beyond its ends."""
     i, t = _place(table.rates, rate)

@@ -41,12 +41,16 @@ def turned(q: Array, u: Array) -> Array:
 def matrix(q: Array) -> Array:
     """(n, 3, 3) rotation matrices: 1 + 2 s [v] + 2 [v]^2."""
     v, s = q[:, :3], q[:, 3, None, None]
-    skew = np.zeros((len(q), 3, 3))
-    skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    skew -= skew.transpose(0, 2, 1)
     outer = v[:, :, None] * v[:, None, :]
     squared = outer - np.sum(v * v, axis=1)[:, None, None] * np.eye(3)
-    return np.asarray(np.eye(3) + 2.0 * s * skew + 2.0 * squared)
+    return np.asarray(np.eye(3) + 2.0 * s * skew(v) + 2.0 * squared)
+
+
+def skew(v: Array) -> Array:
+    """(n, 3, 3) the matrices of v x ."""
+    m = np.zeros((len(v), 3, 3))
+    m[:, 0, 1], m[:, 0, 2], m[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return m - m.transpose(0, 2, 1)
 
 
 def out_of(m: Array, a: Array) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.friction import coefficient, contact, limit
+from cylconn_ros.laws.friction import coefficient, contact, limit, slopes
 from cylconn_ros.laws.observed import Observed
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows
 from cylconn_ros.laws.residual import TOLERANCE, Block, ratio, worst
@@ -60,13 +60,17 @@ class _Law(Rows):
 
 
 def friction_laws(
-    block: Block, o: Observed, s: Step, end: Array, end_size: Array
+    block: Block, o: Observed, s: Step, end: Array, end_size: Array, reactions: Array
 ) -> dict[str, Array]:
-    """Residuals (n,) of D, S, K, E and T. end: (n, 6) J~ v+, and its size."""
+    """Residuals (n,) of D, S, K, E and T.
+
+    end: (n, 6) J~ v+, and its size; reactions: (n, 4) the sizes of f2, f3, m2, m3.
+    """
     p, out = block.parameters, block.out
     slip = slip_of(p, o, s, end, end_size)
     sticks, slips = out[:, layout.REGIME] == layout.STICK, out[:, layout.REGIME] == layout.SLIP
-    half, full = _slipping(block, *slip.mean(0.5)), _slipping(block, *slip.mean(1.0))
+    f = friction_of(block, reactions)
+    half, full = (_slipping(block, f, *slip.mean(theta)) for theta in (0.5, 1.0))
     one, other = np.maximum(half.off, half.over), np.maximum(full.off, full.over)
     too_far = _turned_too_far(slip)
     turning = slips & (one < other) & ((other > TOLERANCE) | (too_far == 0.0))
@@ -74,7 +78,7 @@ def friction_laws(
     disc = np.where(slips, np.where(turning, half.over, full.over), said)
     feeding = np.where(turning, half.feeding, full.feeding)
     return {
-        "D": np.where(sticks, _resting(block), disc),
+        "D": np.where(sticks, _resting(block, f), disc),
         "S": _only(slips, np.where(turning, half.off, full.off)),
         "K": _only(sticks, worst(ratio(slip.end, slip.end_size))),
         "E": _only(p.on, np.where(sticks, 0.0, feeding)),
@@ -82,45 +86,63 @@ def friction_laws(
     }
 
 
-def friction_of(block: Block) -> tuple[Array, Array, Array]:
-    """Phi (n, 2), FN and the sum of the terms that make it."""
+@dataclasses.dataclass
+class Reported(Rows):
+    """Friction and contact as the reported wrench has them."""
+
+    phi: Array  # (n, 2) (f1f, m1f/R)
+    traction: Array
+    normal: Array  # FN
+    normal_size: Array  # its terms, as the constraint gives them
+
+
+def friction_of(block: Block, reactions: Array) -> Reported:
+    """Friction and normal force; reactions: (n, 4) the sizes of f2, f3, m2, m3."""
     p, out = block.parameters, block.out
     phi = out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]].copy()
     phi[:, 1] /= p.radius
     force = out[:, layout.FORCE : layout.FORCE + 3]
     moment = out[:, layout.MOMENT : layout.MOMENT + 3]
-    radial, _, bending, normal = contact(p, force, moment)
-    return phi, normal, radial + bending + np.abs(p.preload)
+    normal = contact(p, force, moment)[3]
+    none = np.zeros(len(out))
+    sizes = contact(
+        p,
+        np.column_stack([none, np.maximum(reactions[:, :2], np.abs(force[:, 1:]))]),
+        np.column_stack([none, np.maximum(reactions[:, 2:], np.abs(moment[:, 1:]))]),
+    )
+    return Reported(phi, rigid.norm(phi), normal, sizes[0] + sizes[2] + np.abs(p.preload))
 
 
-def _slipping(block: Block, mean: Array, size: Array) -> _Law:
+def _slipping(block: Block, f: Reported, mean: Array, size: Array) -> _Law:
     """|s~| phi + r s~ = 0, |phi| = r and phi.s~ <= 0, for the slip velocity s~ (n, 2)."""
-    p = block.parameters
-    phi, normal, normal_size = friction_of(block)
-    rate, traction = np.hypot(mean[:, 0], mean[:, 1]), np.hypot(phi[:, 0], phi[:, 1])
-    greatest = limit(p, block.tables, rate, normal)
-    rows = rate[:, None] * phi + greatest[:, None] * mean
-    terms = rigid.norm(size)[:, None] * np.abs(phi) + greatest[:, None] * size
-    power = np.maximum(rigid.dot(phi, mean), 0.0)
+    rate = rigid.norm(mean)
+    greatest = limit(block.parameters, block.tables, rate, f.normal)
+    greatest_size = _terms(block, f, rate, rigid.norm(size))
+    rows = rate[:, None] * f.phi + greatest[:, None] * mean
+    # the disc knows no direction: a component far below the vector's length is not looked into
+    terms = rigid.norm(size)[:, None] * np.abs(f.phi) + (rate * f.traction)[:, None]
+    terms += greatest[:, None] * size + greatest_size[:, None] * np.abs(mean)
+    power = np.maximum(rigid.dot(f.phi, mean), 0.0)
     return _Law(
         worst(ratio(rows, terms)),
-        ratio(traction - greatest, _terms(block, rate, normal, normal_size)),
-        ratio(power, rigid.dot(np.abs(phi), size)),
+        ratio(f.traction - greatest, greatest_size),
+        ratio(power, rigid.dot(np.abs(f.phi), size)),
     )
 
 
-def _resting(block: Block) -> Array:
+def _resting(block: Block, f: Reported) -> Array:
     """D of stick: |phi| <= the limit at rest."""
-    phi, normal, normal_size = friction_of(block)
-    rest = np.zeros_like(normal)
-    greatest = limit(block.parameters, block.tables, rest, normal)
-    over = np.maximum(np.hypot(phi[:, 0], phi[:, 1]) - greatest, 0.0)
-    return ratio(over, _terms(block, rest, normal, normal_size))
+    rest = np.zeros_like(f.normal)
+    over = np.maximum(f.traction - limit(block.parameters, block.tables, rest, f.normal), 0.0)
+    return ratio(over, _terms(block, f, rest, rest))
 
 
-def _terms(block: Block, rate: Array, normal: Array, normal_size: Array) -> Array:
-    """(n,) mu FN, FN by the sum of its terms."""
-    return coefficient(block.parameters, block.tables, rate, normal) * normal_size
+def _terms(block: Block, f: Reported, rate: Array, rate_size: Array) -> Array:
+    """(n,) mu FN by the sums of the terms of FN and, where mu depends on them, of |s~| and FN."""
+    p, tables = block.parameters, block.tables
+    by_rate, by_force = slopes(p, tables)
+    mu = coefficient(p, tables, rate, f.normal)
+    return (mu + by_force * f.normal) * f.normal_size + by_rate * rate_size * f.normal
 
 
 def _turned_too_far(slip: Slip) -> Array:

@@ -157,15 +157,18 @@ def _pull(p: Parameters, o: Observed) -> tuple[Array, Array]:
     return np.concatenate(pulled, axis=1), np.concatenate(size, axis=1)
 
 
-def by_wrench(p: Parameters, s: Step, wrench: Array) -> tuple[Array, Array]:
-    """H J~ M^-1 J~^T Lambda: (n, 6) and its size. wrench: (n, 6)."""
+def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Array, Array]:
+    """H J~ M^-1 J~^T Lambda: (n, 6) and its size.
+
+    wrench: (n, 6) Lambda; terms: (n, 6) the sums of the absolute values of the parts that make it.
+    """
     force = rigid.out_of(s.frame.axes, wrench[:, :3])
     moment = rigid.out_of(s.frame.axes, wrench[:, 3:])
     zero = np.zeros_like(force)
     total, size = np.zeros_like(wrench), np.zeros_like(wrench)
     axes = np.abs(s.frame.axes)
-    force_size = rigid.out_of(axes, np.abs(wrench[:, :3]))
-    moment_size = rigid.out_of(axes, np.abs(wrench[:, 3:]))
+    force_size = rigid.out_of(axes, terms[:, :3])
+    moment_size = rigid.out_of(axes, terms[:, 3:])
     h = _column(p.h)
     for sign, body, inverse, arm in (
         (1.0, p.b, s.inverse_b, s.frame.arm_b),
@@ -184,3 +187,35 @@ def by_wrench(p: Parameters, s: Step, wrench: Array) -> tuple[Array, Array]:
             _, part_size = relative(s.frame, push_size, turn_size, zero, zero)
         total, size = total + part, size + part_size
     return total, size
+
+
+def compliance(p: Parameters, s: Step) -> Array:
+    """G = J~ M^-1 J~^T (n, 6, 6), axes of a."""
+    n = len(p.h)
+    total = np.zeros((n, 6, 6))
+    for body, inverse, arm in (
+        (p.b, s.inverse_b, s.frame.arm_b),
+        (p.a, s.inverse_a, s.frame.arm_a),
+    ):
+        turns = s.frame.axes.transpose(0, 2, 1) @ inverse @ s.frame.axes
+        lever = rigid.skew(rigid.into(s.frame.axes, arm))
+        total[:, :3, :3] += body.inverse_mass[:, None, None] * np.eye(3) - lever @ turns @ lever
+        total[:, :3, 3:] -= lever @ turns
+        total[:, 3:, :3] += turns @ lever
+        total[:, 3:, 3:] += turns
+    return total
+
+
+def reaction_size(p: Parameters, s: Step, wrench: Array, terms: Array) -> Array:
+    """(n, 4) sums of the terms of f2, f3, m2, m3, once these are eliminated.
+
+    (f2 f3 m2 m3) = base + C (f1, m1): |base| + |C| terms. wrench, terms: as in :func:`by_wrench`.
+    """
+    g = compliance(p, s)
+    inner = g[:, CONSTRAINED][:, :, CONSTRAINED]
+    scale = np.sqrt(np.einsum("nii->ni", inner))
+    even = inner / (scale[:, :, None] * scale[:, None, :])
+    coupling = g[:, CONSTRAINED][:, :, AVAILABLE] / scale[:, :, None]
+    by = -np.linalg.solve(even, coupling) / scale[:, :, None]
+    base = wrench[:, CONSTRAINED] - np.einsum("nij,nj->ni", by, wrench[:, AVAILABLE])
+    return np.abs(base) + np.einsum("nij,nj->ni", np.abs(by), terms[:, AVAILABLE])
