@@ -12,7 +12,17 @@ import numpy as np
 import pytest
 from scenes import bundled
 
-from cylconn_ros.bench import accuracy, frames, kernel, methods, orders, report, timing, worker
+from cylconn_ros.bench import (
+    accuracy,
+    frames,
+    kernel,
+    methods,
+    orders,
+    report,
+    timing,
+    work,
+    worker,
+)
 from cylconn_ros.bench.document import replaced
 from cylconn_ros.bench.errors import AbsentError, LeftOutError
 from cylconn_ros.bench.mujoco_peer import MujocoScene, document
@@ -152,12 +162,12 @@ def test_orders_are_slopes_of_what_survived() -> None:
 
 def test_the_worst_ratio_at_equal_time() -> None:
     theirs = [(1.0, 1e-4), (2.0, 1e-6), (4.0, 1e-8)]
-    assert accuracy.worst_at_equal_time([(2.0, 1e-7)], theirs) == pytest.approx(0.1)
-    assert accuracy.worst_at_equal_time([(2.0, 1e-7), (math.sqrt(2.0), 1e-4)], theirs) == (
+    assert work.worst_at_equal_time([(2.0, 1e-7)], theirs) == pytest.approx(0.1)
+    assert work.worst_at_equal_time([(2.0, 1e-7), (math.sqrt(2.0), 1e-4)], theirs) == (
         pytest.approx(10.0)
     )
-    assert math.isnan(accuracy.worst_at_equal_time([(8.0, 1e-9)], theirs))
-    assert math.isnan(accuracy.worst_at_equal_time([], theirs))
+    assert math.isnan(work.worst_at_equal_time([(8.0, 1e-9)], theirs))
+    assert math.isnan(work.worst_at_equal_time([], theirs))
 
 
 def test_targets_are_met_missed_or_not_measured() -> None:

@@ -219,7 +219,7 @@ def _report(stretch: Stretch, times: dict[str, Array], found: Findings) -> None:
             )
         found.measurements.append(
             Measurement.of(
-                stretch.name, name, STEP, Spread.of(values), "us", scale=1e6, settings=settings
+                stretch.name, name, STEP, Spread.of(values), "µs", scale=1e6, settings=settings
             )
         )
     if stretch.name == SHAFT:
@@ -230,8 +230,8 @@ def _report(stretch: Stretch, times: dict[str, Array], found: Findings) -> None:
         ]
     for ours in (f"impulse, {CALL}", f"impulse, {CALL}, {LOOP}"):
         value = math.nan if base is None else ratio(times[ours], base).median
-        found.targets.append(Target(f"{stretch.name}: {ours}, over {MJ_STEP}", value, 1.0, "times"))
+        found.targets.append(Target(f"{stretch.name}: {ours}, over {MJ_STEP}", value, 1.0, ""))
 
 
 def _microseconds(times: dict[str, Array], name: str, limit: float) -> Target:
-    return Target(f"{SHAFT}: {name}", Spread.of(times[name]).median * 1e6, limit, "us")
+    return Target(f"{SHAFT}: {name}", Spread.of(times[name]).median * 1e6, limit, "µs")

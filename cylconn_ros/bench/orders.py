@@ -14,10 +14,11 @@ import numpy as np
 from cylconn_ros.bench.errors import LeftOutError
 from cylconn_ros.bench.kernel import Batch
 from cylconn_ros.bench.methods import METHODS, available, served_by, with_period
-from cylconn_ros.bench.problems import Errors, Problem, handful
+from cylconn_ros.bench.problems import Problem, handful
 from cylconn_ros.bench.results import STEP, Findings, Gap, Measurement
 from cylconn_ros.bench.settings import Settings
 from cylconn_ros.bench.timing import Contestant, Spread, take_turns, timed
+from cylconn_ros.bench.work import Errors
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
@@ -106,7 +107,7 @@ def _costs(problem: Problem, connectors: dict[str, Connector], settings: Setting
     times = take_turns(contestants, settings.rounds, settings.block)
     return Findings(
         measurements=[
-            Measurement.of(problem.name, name, STEP, Spread.of(values), "us", scale=1e6)
+            Measurement.of(problem.name, name, STEP, Spread.of(values), "µs", scale=1e6)
             for name, values in times.items()
         ]
     )

@@ -11,13 +11,11 @@ import numpy as np
 
 from cylconn_ros.bench import frames
 from cylconn_ros.bench.settings import SceneLoader
+from cylconn_ros.bench.work import Errors
 from cylconn_ros.connector.scene import Friction, Scene
 from cylconn_ros.connector.simulation import Run
 from cylconn_ros.core import layout
 from cylconn_ros.reference import coast, constant_normal_force, free_pair, slide_and_spin
-
-Errors = dict[str, tuple[float, str]]
-"""Size of each quantity's error, with its unit; NaN where a method does not give the quantity."""
 
 
 @dataclass(frozen=True)

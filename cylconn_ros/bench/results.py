@@ -50,9 +50,10 @@ class Measurement:
         note: str = "",
     ) -> Measurement:
         """A measurement with its spread, in units of 1/scale."""
+        once = math.nan if spread.count == 1 else scale
         return cls(
             problem, contestant, quantity, spread.median * scale, unit,
-            spread.low * scale, spread.high * scale, spread.count, settings or {}, note,
+            spread.low * once, spread.high * once, spread.count, settings or {}, note,
         )  # fmt: skip
 
 

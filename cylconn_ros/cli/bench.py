@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
         reason = "the sources changed meanwhile: the numbers belong together no more"
         report.findings.gaps.append(Gap("all", "all", "failed", reason))
     text = reports.text(report, reports.orders if options.what == "orders" else None)
-    print(text)
+    encoding = sys.stdout.encoding or "ascii"
+    print(text.encode(encoding, "replace").decode(encoding))
     _keep(options, command, text, report)
     for gap in report.failed:
         print(f"could not be measured: {gap.contestant}: {gap.reason}", file=sys.stderr)
