@@ -1,11 +1,8 @@
-"""What acts on slide and spin, once the constrained components are eliminated.
+"""What acts on slide and spin, part by part, once the constrained components are eliminated.
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit
-and second order. They are taken into S before friction is solved on the disc (core/disc.py).
-
-Stick holds a place, not only a speed: from its second sample on, s+ is measured from the target
-that brings the place back within a step, as a constraint's is, so that stick on moving bodies does
-not creep.
+and second order. They are taken into S before friction and the reactions of stops, locks and
+imposed motion are solved (methods/sides.py).
 """
 
 import math
@@ -16,59 +13,27 @@ from cylconn_ros.core import model
 from cylconn_ros.core.answer import write_contact, write_forces
 from cylconn_ros.core.bounds import (
     Bounds,
-    Held,
     Two,
     advance_imposed,
     bounds,
-    hold,
     imposed,
     imposed_force,
     locks,
     start_imposed,
 )
-from cylconn_ros.core.compiled import inline, jit
-from cylconn_ros.core.disc import disc_problem, reaction, solve_disc
+from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed
 from cylconn_ros.core.vectors import Vector
-
-
-class Reduced(NamedTuple):
-    """The step with the constrained components eliminated: (f1, m1) is what is left.
-
-    (f2 f3 m2 m3) = base + by_f1 f1 + by_m1 m1;   (v1, w1)+ = free + h A (f1, m1)
-    """
-
-    base: Four
-    by_f1: Four
-    by_m1: Four
-    free: tuple[float, float]
-    a: tuple[float, float, float]  # h A: 11, 12, 22
-
-
-class Sprung(NamedTuple):
-    """The step with springs, dampers and actuation taken in; x = (phi + p) is what is left.
-
-    (f1, m1) = push - E w+ + x,    (v1, w1)+ = free + S x,    E = diag(e)
-    """
-
-    push: Two
-    e: Two
-    free: Two
-    s: tuple[float, float, float]  # 11, 12, 22
-
-
-class Solved(NamedTuple):
-    """Friction and reactions for one choice of the components that are held."""
-
-    end: Two  # (v1, w1)+
-    friction: Two  # f1f, m1f
-    reaction: Two  # of stops, locks and imposed motion
-    regime: int
-    flags: int
-    s_mean: Two
-    residual: float
+from cylconn_ros.methods.sides import (
+    Reduced,
+    Solved,
+    Sprung,
+    reactions,
+    restitution_without_gain,
+    within,
+)
 
 
 class Available(NamedTuple):
@@ -105,10 +70,10 @@ def available(
     b1 = bounds(par, mem, 0, o.length, v1, h, eps, locked and component == 1)
     b2 = bounds(par, mem, 1, o.angle, w1, h, eps, locked and component == 2)
     if b1.impact != 0 or b2.impact != 0:
-        eps = _restitution(par, mem, o, r, sp, h, explicit, b1, b2, eps)
+        eps = restitution_without_gain(par, mem, o, r, sp, h, explicit, b1, b2, eps)
         b1 = bounds(par, mem, 0, o.length, v1, h, eps, locked and component == 1)
         b2 = bounds(par, mem, 1, o.angle, w1, h, eps, locked and component == 2)
-    solved, sides = _within(par, mem, o, r, sp, h, explicit, b1, b2)
+    solved, sides = within(par, mem, o, r, sp, h, explicit, b1, b2)
 
     stop = 0
     if not (imposed(par, 0) or (locked and component == 1)):
@@ -181,134 +146,6 @@ def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation
 
 
 @inline
-def _within(
-    par: Array,
-    mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
-    h: float,
-    explicit: bool,
-    b1: Bounds,
-    b2: Bounds,
-) -> tuple[Solved, tuple[int, int]]:
-    """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by trying who is held.
-
-    Few components, so few choices: free, or held at either bound. Mostly the first is the one.
-    """
-    fixed1, fixed2 = b1.low == b1.high, b2.low == b2.high
-    best, best_sides, least = (
-        _solved(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2),
-        (0, 0),
-        math.inf,
-    )
-    for choice in range(9):
-        side1, side2 = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3]
-        if fixed1:
-            if side1 != 0:
-                continue
-            side1 = -1
-        elif (side1 < 0 and b1.low == -math.inf) or (side1 > 0 and b1.high == math.inf):
-            continue
-        if fixed2:
-            if side2 != 0:
-                continue
-            side2 = -1
-        elif (side2 < 0 and b2.low == -math.inf) or (side2 > 0 and b2.high == math.inf):
-            continue
-        found = best
-        if side1 != 0 or side2 != 0:
-            found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2)
-        wrong = _wrong(b1, fixed1, side1, found.end[0], found.reaction[0], sp.s[0])
-        wrong = max(wrong, _wrong(b2, fixed2, side2, found.end[1], found.reaction[1], sp.s[2]))
-        if wrong < least:
-            best, best_sides, least = found, (side1, side2), wrong
-        if wrong <= 0.0:
-            break
-    return best, best_sides
-
-
-@inline
-def _wrong(b: Bounds, fixed: bool, side: int, rate: float, reaction: float, s: float) -> float:
-    """By how much, as a rate, a choice breaks its own condition; 0: it does not."""
-    if fixed:
-        return 0.0
-    slack = 1e-13 * abs(rate)
-    if side == 0:
-        return max(b.low - rate - slack, rate - b.high - slack, 0.0)
-    return max(s * reaction * side, 0.0)
-
-
-@jit
-def _solved(
-    par: Array,
-    mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
-    h: float,
-    explicit: bool,
-    side1: int,
-    b1: Bounds,
-    side2: int,
-    b2: Bounds,
-) -> Solved:
-    """Friction and reactions with the components of side -1 (lower bound) and 1 (upper) held."""
-    t1 = b1.low if side1 < 0 else b1.high
-    t2 = b2.low if side2 < 0 else b2.high
-    held = hold(sp.free, sp.s, (side1, side2), (t1, t2))
-    friction, regime, flags, s_mean, residual = _friction(
-        par, mem, o, r, sp, held, h, explicit, side1 != 0, side2 != 0
-    )
-    f, g = friction
-    end = (
-        held.free[0] + held.s[0] * f + held.s[1] * g,
-        held.free[1] + held.s[1] * f + held.s[2] * g,
-    )
-    reaction_ = (
-        held.q0[0] + (held.q1[0] - 1.0) * f + held.q2[0] * g,
-        held.q0[1] + held.q1[1] * f + (held.q2[1] - 1.0) * g,
-    )
-    return Solved(end, friction, reaction_, regime, flags, s_mean, residual)
-
-
-@jit
-def _restitution(
-    par: Array,
-    mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
-    h: float,
-    explicit: bool,
-    b1: Bounds,
-    b2: Bounds,
-    eps: float,
-) -> float:
-    """The largest coefficient <= eps with which the impact does not gain kinetic energy.
-
-    Friction and coupled inertias can otherwise feed it: the work of the impulses on slide and spin,
-    (phi + p).(w- + w+)/2 with w+ = -eps w- on what impacts, must not be positive.
-    """
-    v1, w1 = o.twist.v[0], o.twist.w[0]
-    low, high = 0.0, eps
-    for attempt in range(40):
-        now = high if attempt == 0 else 0.5 * (low + high)
-        c1 = Bounds(-now * v1, -now * v1, 0) if b1.impact != 0 else b1
-        c2 = Bounds(-now * w1, -now * w1, 0) if b2.impact != 0 else b2
-        s = _solved(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2)
-        work = (s.friction[0] + s.reaction[0]) * (v1 + s.end[0])
-        work += (s.friction[1] + s.reaction[1]) * (w1 + s.end[1])
-        if work <= 0.0:
-            low = now
-            if attempt == 0:
-                break
-        else:
-            high = now
-    return low
-
-
-@inline
 def _remember_impacts(mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: float) -> float:
     """Keep what an impact's second step needs; the coefficient that acts in this step."""
     acting = 0.0
@@ -324,88 +161,6 @@ def _remember_impacts(mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: floa
             mem[model.PENDING_RATE + k] = -eps * rates[k]
             mem[model.PENDING_RESTITUTION] = eps
     return acting
-
-
-@inline
-def reactions(r: Reduced, f1: float, m1: float) -> Four:
-    """The constraint reactions (f2, f3, m2, m3) that go with (f1, m1)."""
-    return (
-        r.base[0] + r.by_f1[0] * f1 + r.by_m1[0] * m1,
-        r.base[1] + r.by_f1[1] * f1 + r.by_m1[1] * m1,
-        r.base[2] + r.by_f1[2] * f1 + r.by_m1[2] * m1,
-        r.base[3] + r.by_f1[3] * f1 + r.by_m1[3] * m1,
-    )
-
-
-@inline
-def _along(r: Reduced, f1: float, m1: float) -> Four:
-    """by_f1 f1 + by_m1 m1."""
-    return (
-        r.by_f1[0] * f1 + r.by_m1[0] * m1,
-        r.by_f1[1] * f1 + r.by_m1[1] * m1,
-        r.by_f1[2] * f1 + r.by_m1[2] * m1,
-        r.by_f1[3] * f1 + r.by_m1[3] * m1,
-    )
-
-
-@inline
-def _friction(
-    par: Array,
-    mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
-    held: Held,
-    h: float,
-    explicit: bool,
-    slide_held: bool,
-    spin_held: bool,
-) -> tuple[Two, int, int, Two, float]:
-    """(f1f, m1f), regime, flags, s~ and the residual of the law."""
-    law = model.law(par)
-    if not law.on:
-        return (0.0, 0.0), out_at.FRICTIONLESS, 0, (0.0, 0.0), 0.0
-    radius = law.radius
-    was_stick = mem[model.WAS_STICK] != 0.0
-    v1, w1 = o.twist.v[0], o.twist.w[0]
-    free, s = held.free, held.s
-    s_free = (free[0], radius * free[1])
-    if was_stick:  # the place that stick holds is a constraint's target too
-        if mem[model.STUCK] == 1.0:
-            mem[model.HELD_LENGTH], mem[model.HELD_ANGLE] = o.length, o.angle
-        keep = 0.0 if explicit else 0.5
-        if not slide_held:
-            back = (o.length - mem[model.HELD_LENGTH]) / h + keep * v1
-            s_free = (s_free[0] + back, s_free[1])
-        if not spin_held:
-            back = (o.angle - mem[model.HELD_ANGLE]) / h + keep * w1
-            s_free = (s_free[0], s_free[1] + radius * back)
-    # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
-    e1, er = sp.e
-    base = reactions(
-        r, sp.push[0] - e1 * free[0] + held.q0[0], sp.push[1] - er * free[1] + held.q0[1]
-    )
-    by_p = _along(r, held.q1[0] - e1 * s[0], held.q1[1] - er * s[1])
-    by_q = _along(r, radius * (held.q2[0] - e1 * s[1]), radius * (held.q2[1] - er * s[2]))
-    d = disc_problem(
-        (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
-    )
-    sol = solve_disc(law, par, d, was_stick)
-
-    p, q = sol.phi
-    size = math.sqrt(p * p + q * q)
-    normal = contact(law, reaction(d, sol.phi)).normal
-    slip = math.sqrt(sol.s_mean[0] ** 2 + sol.s_mean[1] ** 2)
-    residual = 0.0
-    if sol.regime == out_at.SLIP:
-        greatest = limit(law, par, slip, normal)
-        if greatest > 0.0 and slip > 0.0:
-            across = math.sqrt(
-                (slip * p + greatest * sol.s_mean[0]) ** 2
-                + (slip * q + greatest * sol.s_mean[1]) ** 2
-            )
-            residual = across / (slip * (size + greatest))
-    return (p, radius * q), sol.regime, sol.flags, sol.s_mean, residual
 
 
 @inline

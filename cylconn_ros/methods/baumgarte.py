@@ -44,8 +44,8 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.available import Reduced, reactions
 from cylconn_ros.methods.impulse import eliminated, pulled, unmet
+from cylconn_ros.methods.sides import Reduced, reactions
 
 FEEDBACK = 0.2  # alpha h and beta h where they are not given
 STOPPED_AFTER = 3

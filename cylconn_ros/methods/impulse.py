@@ -50,7 +50,8 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.available import Reduced, available, report
+from cylconn_ros.methods.available import available, report
+from cylconn_ros.methods.sides import Reduced
 
 UNDERSAMPLED_ABOVE = 0.5  # |w| h
 STOPPED_AFTER = 3  # stuck samples in a row: a single one occurs at turning points
