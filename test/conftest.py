@@ -2,14 +2,17 @@
 
 import importlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from cylconn_ros.cli.processes import private_environment
+
 # Tests that start processes must not meet other ROS programs, nor leave shared memory behind.
-os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+os.environ.update(private_environment())
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +27,27 @@ def installed_prefix() -> Path:
     except ImportError as error:
         raise AssertionError("not installed: use `make test`, or pip install -e . first") from error
     return Path(str(messages.__file__)).parents[5]
+
+
+@pytest.fixture
+def peer() -> Iterator[Any]:
+    """A foreign node on the graph (ros_processes.Peer)."""
+    from ros_processes import Peer
+
+    node = Peer()
+    yield node
+    node.close()
+
+
+@pytest.fixture
+def connector(installed_prefix: Path, tmp_path: Path) -> Any:
+    """Run the installed executable with parameters, for the length of a block."""
+    from ros_processes import installed, parameters, program
+
+    @contextmanager
+    def run(*rules: str, extra: tuple[str, ...] = ()) -> Iterator[Any]:
+        command = [*installed(installed_prefix, "connector"), *parameters(*rules), *extra]
+        with program(command, tmp_path) as running:
+            yield running
+
+    return run

@@ -12,12 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from cylconn_ros.msg import ConnectorState
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 
-PATIENCE = 60.0  # s of wall clock for anything to happen; nothing is judged by speed
+PATIENCE = 180.0  # s of wall clock for anything to happen, compiling too: nothing judges speed
 LEAST = (
     "node_a.orientation:=[0, 0, 0, 1]",
     "body_b.mass:=2.0",
@@ -57,6 +60,16 @@ class Program:
     @property
     def output(self) -> str:
         return "\n".join(self.lines)
+
+    def wait_for(self, text: str) -> str:
+        """Wait until it prints a line that begins so, and return the line."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            for line in list(self.lines):
+                if line.startswith(text):
+                    return line
+            time.sleep(0.01)
+        raise AssertionError(f"waited {PATIENCE} s in vain for {text!r}")
 
     def wait(self) -> int:
         """Wait for its end and return the exit code."""
@@ -192,6 +205,49 @@ class Source:
                 linear = twist.linear
                 linear.x, linear.y, linear.z = map(float, velocity)
             publisher.publish(message)
+
+
+class Listener:
+    """Everything a connector publishes about samples."""
+
+    def __init__(self, peer: Peer, prefix: str = "", name: str = "connector") -> None:
+        self.peer = peer
+        self.a = peer.collect(WrenchStamped, f"{prefix}/body_a/wrench")
+        self.b = peer.collect(WrenchStamped, f"{prefix}/body_b/wrench")
+        self.states = peer.collect(ConnectorState, f"{prefix}/{name}/state")
+        self.joints = peer.collect(JointState, f"{prefix}/{name}/joint_state")
+        self.diagnostics = peer.collect(DiagnosticArray, "/diagnostics")
+
+    def clear(self) -> None:
+        for received in (self.a, self.b, self.states, self.joints):
+            received.clear()
+
+    def answer(self, source: Source, stamp: int, **motion) -> WrenchStamped:
+        """Send a sample until it is answered; the wrench on B."""
+        source.wait()
+
+        def answered():
+            found = [wrench for wrench in self.b if stamp_of(wrench) == stamp]
+            if not found:
+                source.send(stamp, **motion)
+                self.peer.spin_for(0.05)
+            return found
+
+        return self.peer.spin_until(answered, f"the answer to {stamp}")[0]
+
+    def status(self, part: str) -> tuple[int, str, dict[str, str]]:
+        """The newest diagnostics about a part: level, message, values."""
+        for array in reversed(self.diagnostics):
+            for status in array.status:
+                if status.name.endswith(part):
+                    values = {pair.key: pair.value for pair in status.values}
+                    return ord(status.level), status.message, values
+        return -1, "", {}
+
+    def wait_for_status(self, part: str, text: str) -> dict[str, str]:
+        """Wait until diagnostics about a part say something; the values."""
+        self.peer.spin_until(lambda: text in self.status(part)[1], f"diagnostics: {text}")
+        return self.status(part)[2]
 
 
 def stamp_of(message: Any) -> int:

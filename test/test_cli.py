@@ -341,7 +341,8 @@ def test_programs_are_found_beside_the_running_one(
 
 def test_private_environments_do_not_meet_others() -> None:
     environment = processes.private_environment()
-    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    profile = Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
+    assert "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>" in profile
     assert 0 < int(environment["ROS_DOMAIN_ID"]) < 100
 
 

@@ -2,90 +2,23 @@
 
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from cylconn_ros.msg import ConnectorState
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_processes import Peer, Source, installed, parameters, program, stamp_of, wrench_of
-from sensor_msgs.msg import JointState
+from ros_processes import Listener, Source, parameters, program, stamp_of, wrench_of
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 MS = 1_000_000
 WEIGHT = 2.0 * 9.81
 NAN = float("nan")
-
-
-@pytest.fixture
-def peer() -> Iterator[Peer]:
-    node = Peer()
-    yield node
-    node.close()
-
-
-@pytest.fixture
-def connector(installed_prefix: Path, tmp_path: Path):
-    """Run the installed executable with parameters."""
-
-    @contextmanager
-    def run(*rules: str, extra: tuple[str, ...] = ()):
-        command = [*installed(installed_prefix, "connector"), *parameters(*rules), *extra]
-        with program(command, tmp_path) as running:
-            yield running
-
-    return run
-
-
-class Listener:
-    """Everything a connector publishes about samples."""
-
-    def __init__(self, peer: Peer, prefix: str = "", name: str = "connector") -> None:
-        self.peer = peer
-        self.a = peer.collect(WrenchStamped, f"{prefix}/body_a/wrench")
-        self.b = peer.collect(WrenchStamped, f"{prefix}/body_b/wrench")
-        self.states = peer.collect(ConnectorState, f"{prefix}/{name}/state")
-        self.joints = peer.collect(JointState, f"{prefix}/{name}/joint_state")
-        self.diagnostics = peer.collect(DiagnosticArray, "/diagnostics")
-
-    def clear(self) -> None:
-        for received in (self.a, self.b, self.states, self.joints):
-            received.clear()
-
-    def answer(self, source: Source, stamp: int, **motion) -> WrenchStamped:
-        """Send a sample until it is answered; the wrench on B."""
-        source.wait()
-
-        def answered():
-            found = [wrench for wrench in self.b if stamp_of(wrench) == stamp]
-            if not found:
-                source.send(stamp, **motion)
-                self.peer.spin_for(0.05)
-            return found
-
-        return self.peer.spin_until(answered, f"the answer to {stamp}")[0]
-
-    def status(self, part: str) -> tuple[int, str, dict[str, str]]:
-        """The newest diagnostics about a part: level, message, values."""
-        for array in reversed(self.diagnostics):
-            for status in array.status:
-                if status.name.endswith(part):
-                    values = {pair.key: pair.value for pair in status.values}
-                    return ord(status.level), status.message, values
-        return -1, "", {}
-
-    def wait_for_status(self, part: str, text: str) -> dict[str, str]:
-        """Wait until diagnostics about a part say something; the values."""
-        self.peer.spin_until(lambda: text in self.status(part)[1], f"diagnostics: {text}")
-        return self.status(part)[2]
 
 
 @pytest.mark.parametrize("form", ["pose_twist", "odometry"])

@@ -34,9 +34,7 @@ def states(run: Run) -> tuple[np.ndarray, np.ndarray]:
 def assert_replayed(run: Run, scene: Scene) -> None:
     """Assert that what was recorded as received gives again what was recorded as published."""
     answering = Answering(scene)
-    wanted = {
-        run.topic(name): data for name, data in answering.inputs.items() if "load" not in name
-    }
+    wanted = {run.topic(name.removeprefix("~/")): take for name, take in answering.inputs.items()}
     arrivals = [
         (log_time, order, topic, data)
         for order, topic in enumerate(wanted)
@@ -50,10 +48,20 @@ def assert_replayed(run: Run, scene: Scene) -> None:
         assert [data for data in recorded if any(cdr.read_wrench(data).values)] == answered
 
 
-@pytest.mark.parametrize("name", ["demo", "free_flight"])
-def test_two_processes_give_the_numbers_of_the_loop_in_process(name, installed_prefix, tmp_path):
+LOADS = {
+    "plant.body_a.load": [0.1, -0.2, 0.3, 0.01, 0.02, -0.03],
+    "plant.body_b.load": [1.0, 2.0, -3.0, 0.1, -0.2, 0.3],
+}
+
+
+@pytest.mark.parametrize(("name", "loads"), [("demo", {}), ("free_flight", LOADS)])
+def test_two_processes_give_the_numbers_of_the_loop_in_process(
+    name, loads, installed_prefix, tmp_path
+):
     steps = 300
+    scene = Scene.from_parameters(load(CONFIG / f"{name}.yaml").parameters() | loads)
     rules = [f"plant.duration:={steps / 1000}", "record.enabled:=true"]
+    rules += [f"{key}:={value}" for key, value in loads.items()]
     connector = [*installed(installed_prefix, "connector"), *scene_arguments(name, *rules)]
     plant = [*installed(installed_prefix, "plant"), *scene_arguments(name, *rules)]
     with program(connector, tmp_path) as serving, program(plant, tmp_path) as moving:
@@ -63,12 +71,12 @@ def test_two_processes_give_the_numbers_of_the_loop_in_process(name, installed_p
 
     run = read_run(next((tmp_path / "runs").iterdir()))
     stamp, found = states(run)
-    expected = simulate(load(CONFIG / f"{name}.yaml"), steps)
+    expected = simulate(scene, steps)
     assert np.array_equal(np.unique(stamp), np.arange(steps) * MS)
     _, first = np.unique(stamp, return_index=True)
     kept = [i for i in range(layout.NSTATE) if i + layout.STATE0 != layout.COMPUTING_TIME]
     np.testing.assert_array_equal(found[first][:, kept], expected.outs[:, layout.STATE][:, kept])
-    assert_replayed(run, load(CONFIG / f"{name}.yaml"))
+    assert_replayed(run, scene)
     poses = run.table(run.topic("body_b/pose"))
     _, first = np.unique(poses.stamp, return_index=True)
     height = np.column_stack([poses[key] for key in poses.columns if key.endswith("position.z")])
@@ -184,7 +192,9 @@ def test_lock_step_without_answers_ends_with_a_plain_line(installed_prefix, tmp_
             assert moving.wait() == 1
         text = "plant: no answer to the sample at 0 s on /body_b/wrench within 0.6 s"
         assert any(line.startswith(text) for line in moving.lines), moving.output
-        assert "samples sent again 2" in moving.lines[-1]
+        again = re.search(r"samples sent again (\d+)", moving.lines[-1])
+        assert again, moving.output
+        assert int(again[1]) <= 2  # every 0.25 s within 0.6 s, fewer on a busy machine
         assert "Traceback" not in moving.output
     finally:
         peer.close()
@@ -202,10 +212,6 @@ def test_a_plant_needs_a_period(installed_prefix, tmp_path):
 def test_a_plant_without_connector_waits_and_ends_in_order(installed_prefix, tmp_path):
     command = [*installed(installed_prefix, "plant"), *parameters()]
     with program(command, tmp_path) as moving:
-        peer = Peer()
-        try:
-            peer.spin_until(lambda: peer.node.count_publishers("/body_b/pose"), "the plant")
-        finally:
-            peer.close()
+        moving.wait_for("plant: waiting for a connector on /body_b/pose, /body_b/twist")
         assert moving.stop() == 0
         assert moving.lines[-1].startswith("plant: 0 steps, 0 s simulated")

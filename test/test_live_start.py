@@ -1,8 +1,16 @@
 """Starting a node: what cannot be used is refused in one plain line, and help is given."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 from ros_processes import installed, module, parameters, program
 
+from cylconn_ros.connector.parameters import SceneError
+from cylconn_ros.ros import connector_node, plant_node, process
+
+MAINS = {"connector": connector_node.main, "plant": plant_node.main}
 REFUSED = [
     (["-p", "period:=-1"], "period = -1: must be a number >= 0 s"),
     (["-p", "friction.coefficient:=0.1"], "friction.radius = .nan: must be given with friction"),
@@ -20,13 +28,25 @@ REFUSED = [
     ("name", "arguments", "text"),
     [("connector", *case) for case in REFUSED] + [("plant", *case) for case in REFUSED[:2]],
 )
-def test_wrong_use_is_refused_in_one_plain_line(name, arguments, text, installed_prefix, tmp_path):
-    command = [*installed(installed_prefix, name), *parameters(), *arguments]
-    with program(command, tmp_path) as running:
+def test_wrong_use_is_refused_in_one_plain_line(name, arguments, text, capfd):
+    assert MAINS[name]([*parameters(), *arguments]) == 2
+    printed = capfd.readouterr()
+    line = printed.err.splitlines()[-1]
+    assert line.startswith(f"{name}: ")
+    assert text in line
+    assert "Traceback" not in printed.err
+    assert printed.out == ""
+
+
+@pytest.mark.parametrize("name", ["connector", "plant"])
+def test_an_installed_program_refuses_and_helps_as_well(name, installed_prefix, tmp_path):
+    command = installed(installed_prefix, name)
+    with program([*command, *parameters("period:=-1")], tmp_path) as running:
         assert running.wait() == 2
-        assert running.lines[-1].startswith(f"{name}: ")
-        assert text in running.lines[-1]
-        assert "Traceback" not in running.output
+        assert running.output == f"{name}: period = -1: must be a number >= 0 s, finite"
+    with program([*command, "--help"], tmp_path) as running:
+        assert running.wait() == 0
+        assert running.output.startswith(f"usage: {name} ")
 
 
 def test_nothing_given_says_what_is_needed(tmp_path):
@@ -38,8 +58,48 @@ def test_nothing_given_says_what_is_needed(tmp_path):
         )
 
 
-@pytest.mark.parametrize("name", ["connector", "plant"])
-def test_help(name, installed_prefix, tmp_path):
-    with program([*installed(installed_prefix, name), "--help"], tmp_path) as running:
-        assert running.wait() == 0
-        assert running.output.startswith(f"usage: {name} ")
+@pytest.mark.parametrize(
+    ("name", "node", "physics"),
+    [("connector", connector_node, "Answering"), ("plant", plant_node, "Plant")],
+)
+def test_compiling_is_announced_before_it_begins(name, node, physics, monkeypatch, capfd):
+    def begin(*_):
+        raise SceneError("it begins")
+
+    monkeypatch.setattr(node, physics, begin)
+    monkeypatch.setattr(process, "is_ready", lambda _: False)
+    assert MAINS[name](parameters()) == 2
+    printed = capfd.readouterr()
+    lines = (printed.out + printed.err).splitlines()
+    assert "compiling the physics, once" in lines[0]
+    assert lines[-1] == f"{name}: it begins"
+    monkeypatch.setattr(process, "is_ready", lambda _: True)
+    assert MAINS[name](parameters()) == 2
+    printed = capfd.readouterr()
+    assert "compiling" not in printed.out + printed.err
+
+
+ENTRY = """
+from cylconn_ros.core.compiled import entry, is_ready
+
+@entry
+def step(x: float) -> float:
+    return x + 1.0
+
+print(is_ready(step), step(1.0), is_ready(step))
+"""
+
+
+def test_what_was_compiled_by_an_earlier_program_is_ready(tmp_path):
+    (tmp_path / "physics.py").write_text(ENTRY)
+    environment = {**os.environ, "CYLCONN_CACHE_DIR": str(tmp_path / "cache")}
+    for expected in ("False 2.0 True", "True 2.0 True"):
+        said = subprocess.run(
+            [sys.executable, "-c", "import physics"],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert said.stdout.strip() == expected

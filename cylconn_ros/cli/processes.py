@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
+import cylconn_ros
 from cylconn_ros.cli.errors import CommandError
 
 _TAIL_LINES = 15
@@ -37,13 +38,16 @@ def executable(name: str) -> Path:
 
 
 def private_environment() -> dict[str, str]:
-    """Environment for processes that shall hear only each other: own domain, this machine, UDP."""
+    """Environment for processes that shall hear only each other: own domain, loopback, at once."""
+    profile = Path(cylconn_ros.__file__).with_name("ros") / "loopback.xml"
+    if not profile.is_file():  # without it they would talk to the network
+        raise CommandError(f"{profile} is missing: install cylconn_ros again")
     return {
         **os.environ,
         "ROS_DOMAIN_ID": str(_free_domain()),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",  # as the profile says
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # leaves no shared memory behind if killed
         "PYTHONUNBUFFERED": "1",
     }
 

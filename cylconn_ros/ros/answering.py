@@ -19,7 +19,7 @@ from cylconn_ros.connector.matching import Matched, SampleMatcher
 from cylconn_ros.connector.parameters import show
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
-from cylconn_ros.ros import cdr
+from cylconn_ros.ros import cdr, commands
 from cylconn_ros.ros.cdr_writers import JointStateWriter, StampedWriter, StateWriter
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -29,8 +29,8 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 STATE = "cylconn_ros/msg/ConnectorState"
 
-JOINTS = ("slide", "spin")
 BODIES = ("body_a", "body_b")
+COMMAND = "~/command"
 
 
 class Answer(NamedTuple):
@@ -61,29 +61,38 @@ class Health:
     no_period: int = 0
     failed: int = 0
     failure: str = ""
+    commands: int = 0  # followed
+    refused: int = 0  # commands that cannot be followed
+    refusal: str = ""
     worst_residual: float = 0.0
     worst_offset: float = 0.0  # m
     worst_angle: float = 0.0  # rad
     worst_time: float = 0.0  # s
     flags: int = 0  # bits of ConnectorState.flags, since the last look
+    stops: int = 0  # bits of ConnectorState.stop, since the last look
     regime: int = layout.FRICTIONLESS
+    lock: int = 0  # bits of ConnectorState.lock
 
     def look(self) -> None:
-        """Begin a new stretch of ``worst_…`` and flags."""
+        """Begin a new stretch of ``worst_…``, flags and stops."""
         self.worst_residual = self.worst_offset = self.worst_angle = self.worst_time = 0.0
-        self.flags = 0
+        self.flags = self.stops = 0
 
 
 def input_names(scene: Scene) -> list[str]:
-    """Relative topics read for a scene: motion and load of every moving body."""
-    motion = ("odom",) if scene.input == "odometry" else ("pose", "twist")
-    return [
-        f"{name}/{topic}"
-        for name, body in zip(BODIES, scene.bodies, strict=True)
-        if body.kind != "fixed"
-        for topic in (*motion, "load")
-    ]
+    """Topics read for a scene: motion and load of every moving body, and commands."""
+    return [*(f"{BODIES[body]}/{topic}" for body, topic in _of_bodies(scene)), COMMAND]
 
+
+def _of_bodies(scene: Scene) -> list[tuple[int, str]]:
+    """Body and topic of every input about a body."""
+    motion = ("odom",) if scene.input == "odometry" else ("pose", "twist")
+    moving = [index for index, body in enumerate(scene.bodies) if body.kind != "fixed"]
+    return [(body, topic) for body in moving for topic in (*motion, "load")]
+
+
+_ANY_SAMPLE = np.zeros(layout.NSAMPLE)
+_ANY_SAMPLE[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
 
 # Parameters that what is remembered depends on; a change of these begins a new history.
 _HISTORY = ("input", "period", "method", "latency", "body_", "node_", "reference.")
@@ -92,18 +101,28 @@ _HISTORY = ("input", "period", "method", "latency", "body_", "node_", "reference
 class Answering:
     """Answer samples that arrive as messages; nothing that arrives makes it raise.
 
+    Attributes
+    ----------
+    imposed
+        What is imposed on slide and spin, by the scene or by the last command.
+    held
+        The last message of every load, by relative topic: what acts until the next.
+
     Raises SceneError at construction where the connector cannot serve the scene.
     """
 
     def __init__(self, scene: Scene, previous: Answering | None = None) -> None:
         """Serve ``scene``; ``previous`` hands over its counts and is not to be used again.
 
-        It also hands over its history where the change of scene allows it (:attr:`continues`).
+        It also hands over its history where the change of scene allows it (:attr:`continues`), and
+        what commands impose where the scene's own ``command`` has not changed.
         """
         self.scene = scene
         self.connector = Connector(scene)
-        self.connector.step(np.zeros(layout.NSAMPLE))  # compiled now, not while a sample waits
+        self.connector.step(_ANY_SAMPLE, 1e-3)  # compiled now, not while a sample waits
         self.connector.reset()
+        self.imposed = commands.in_scene(scene.command)
+        self.held: dict[str, bytes] = {}
         self.matcher = SampleMatcher(scene)
         self.health = Health()
         self.inputs = self._make_inputs()
@@ -112,24 +131,46 @@ class Answering:
         frames = [scene.world_frame if world_axes else body.frame for body in scene.bodies]
         self._wrenches = [StampedWriter(frame) for frame in frames]
         self._state = StateWriter(scene.body_a.frame, self.connector.method)
-        self._joints = JointStateWriter(scene.body_a.frame, JOINTS)
+        self._joints = JointStateWriter(scene.body_a.frame, commands.COMPONENTS)
         self._answer: Answer | None = None
-        self.continues = previous is not None and _same_history(previous.scene, scene)
+        self.continues = previous is not None and _same(previous.scene, scene, _HISTORY)
         if previous is not None:
             self._take_over(previous)
 
     def _take_over(self, previous: Answering) -> None:
         self.health = previous.health
+        self.held = {name: data for name, data in previous.held.items() if name in self.inputs}
         self.matcher.take_over(previous.matcher, history=self.continues)
         if self.continues:
             self.connector.memory = previous.connector.memory
             self._answer = previous._answer
+        memory = self.connector.memory
+        kept = {
+            name: imposed
+            for name, imposed in previous.imposed.items()
+            if _same(previous.scene, self.scene, f"command.{name}.")
+        }
+        self._impose(kept)
+        self.connector.memory = memory  # imposed motion goes on from where it has got to
+        self._impose({name: new for name, new in self.imposed.items() if name not in kept})
 
     def reset(self) -> None:
-        """Forget the reference configuration and all history; the next sample begins a new one."""
+        """Forget the reference configuration and all history; the next sample begins a new one.
+
+        Loads and commands hold.
+        """
         self.connector.reset()
         self.matcher.forget()
         self._answer = None
+
+    def release(self) -> None:
+        """Impose what the scene's parameters say, whatever was commanded."""
+        self._impose(commands.in_scene(self.scene.command))
+
+    @property
+    def scene_in_force(self) -> Scene:
+        """The scene with what commands impose in the place of its own ``command``."""
+        return dataclasses.replace(self.scene, command=commands.as_parameters(self.imposed))
 
     @property
     def out(self) -> np.ndarray:
@@ -154,11 +195,11 @@ class Answering:
             "load": (WRENCH, self._load),
         }
         inputs: dict[str, Input] = {}
-        for name in input_names(self.scene):
-            body, topic = name.split("/")
+        for body, topic in _of_bodies(self.scene):
             kind, take = kinds[topic]
-            mine = functools.partial(take, BODIES.index(body))
-            inputs[name] = Input(kind, functools.partial(self._receive, mine))
+            mine = functools.partial(take, body)
+            inputs[f"{BODIES[body]}/{topic}"] = Input(kind, functools.partial(self._receive, mine))
+        inputs[COMMAND] = Input(JOINT_STATE, functools.partial(self._receive, self._command))
         return inputs
 
     def _pose(self, body: int, data: bytes) -> Matched | None:
@@ -174,6 +215,20 @@ class Answering:
     def _load(self, body: int, data: bytes) -> None:
         _, frame, load = cdr.read_wrench(data)
         self.matcher.load(body, frame, load)
+        self.held[f"{BODIES[body]}/load"] = data
+
+    def _command(self, data: bytes) -> None:
+        try:
+            self._impose(commands.read(cdr.read_joint_state(data)))
+            self.health.commands += 1
+        except commands.CommandError as error:
+            self.health.refused += 1
+            self.health.refusal = str(error)
+
+    def _impose(self, imposed: dict[str, commands.Imposition]) -> None:
+        for name, imposition in imposed.items():
+            self.connector.impose(name, *imposition)
+            self.imposed[name] = imposition
 
     def _receive(self, take: Callable[[bytes], Matched | None], data: bytes) -> Answer | None:
         """Take one message; the answer where it completes a sample."""
@@ -236,9 +291,11 @@ class Answering:
         health.worst_angle = max(health.worst_angle, numbers[layout.ANGULAR_VIOLATION])
         health.worst_time = max(health.worst_time, numbers[layout.COMPUTING_TIME])
         health.flags |= int(numbers[layout.FLAGS])
-        health.regime = int(numbers[layout.REGIME])
+        health.stops |= int(numbers[layout.STOP])
+        health.regime, health.lock = int(numbers[layout.REGIME]), int(numbers[layout.LOCK])
 
 
-def _same_history(before: Scene, after: Scene) -> bool:
+def _same(before: Scene, after: Scene, beginning: str | tuple[str, ...]) -> bool:
+    """Whether the parameters whose names begin so have not changed."""
     old, new = before.parameters(), after.parameters()
-    return all(show(old[name]) == show(new[name]) for name in old if name.startswith(_HISTORY))
+    return all(show(old[name]) == show(new[name]) for name in old if name.startswith(beginning))

@@ -18,6 +18,7 @@ from cylconn_ros import __version__
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.scene_file import dump, scene_part
+from cylconn_ros.methods.step import step
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.ros import process
 from cylconn_ros.ros.answering import Answer, Answering
@@ -193,12 +194,14 @@ class ConnectorNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self, _state: LifecycleState) -> None:
+        process.announce_compiling(step, self.get_logger().info)
         self.answering = Answering(self.scene)
         self._topics.open_outputs(self.scene)
         self.get_logger().info(self.answering.connector.model)
 
     def _activate(self, _state: LifecycleState) -> None:
         assert self.answering is not None
+        self.answering.release()  # a command that came before deactivation may be out of date
         self._forget()
         if self.scene.record.enabled:
             self._open_recording()
@@ -253,7 +256,7 @@ class ConnectorNode(LifecycleNode):
             "node": self.get_fully_qualified_name(),
             "method": self.answering.connector.method,
             "model": self.answering.connector.model,
-            "parameters": dump(scene),
+            "parameters": dump(self.answering.scene_in_force),
             "samples_before": str(self._history),  # 0: the whole history, fit for replay
         }
         directory = self.recorder.start(
@@ -263,6 +266,8 @@ class ConnectorNode(LifecycleNode):
             metadata,
             scene.record.compression,
         )
+        for name, data in self.answering.held.items():  # what acts from the first sample on
+            self.recorder.write(self.resolve_topic_name(name), data, now())
         return f"recording to {directory}"
 
     def _start_anew(self) -> str:

@@ -28,6 +28,13 @@ _FLAGS = {
     layout.MISALIGNED: "pulling in",
     layout.GAINS_LOWERED: "gains lowered",
 }
+_STOPS = {
+    1: "length min",
+    2: "length max",
+    4: "angle min",
+    8: "angle max",
+}  # bits, as in the message
+_LOCKS = {1: "slide", 2: "spin"}
 # Worth a warning: the answer may not be what the user expects.
 _WORRYING = (
     layout.UNDERSAMPLED
@@ -36,6 +43,10 @@ _WORRYING = (
     | layout.MISALIGNED
     | layout.GAINS_LOWERED
 )
+
+
+def _named(names: Mapping[int, str], bits: int) -> str:
+    return ", ".join(text for bit, text in names.items() if bits & bit)
 
 
 @dataclasses.dataclass
@@ -94,6 +105,11 @@ class Monitor:
                 self._new("undecodable", health.undecodable),
                 f"a message cannot be decoded: {health.undecodable_text}",
             ),
+            (
+                WARN,
+                self._new("refused", health.refused),
+                f"a command cannot be followed: {health.refusal}",
+            ),
             (WARN, self._new("no period", health.no_period), "no time step between samples yet"),
             (WARN, self._new("late", counts.late), "messages arrive late"),
             (WARN, self._new("incomplete", counts.incomplete), "samples stay incomplete"),
@@ -120,6 +136,8 @@ class Monitor:
             "failed": health.failed,
             "restarts": counts.restarts,
             "foreign frames": counts.foreign_frames,
+            "commands followed": health.commands,
+            "commands refused": health.refused,
             "timeouts": links.timeouts,
         }
         self._before["samples"] = counts.samples
@@ -128,7 +146,11 @@ class Monitor:
     def _solution(self, answering: Answering) -> DiagnosticStatus:
         health = answering.health
         regime = _REGIMES.get(health.regime, str(health.regime))
-        flags = [text for bit, text in _FLAGS.items() if health.flags & bit]
+        flags = _named(_FLAGS, health.flags)
+        stops, locked = _named(_STOPS, health.stops), _named(_LOCKS, health.lock)
+        fine = f"{answering.connector.method}, {regime}"
+        fine += f", at stop: {stops}" if stops else ""
+        fine += f", locked: {locked}" if locked else ""
         problems = [
             (WARN, bool(health.flags & bit), _FLAGS[bit]) for bit in _FLAGS if bit & _WORRYING
         ]
@@ -140,9 +162,12 @@ class Monitor:
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
             "worst angular violation [rad]": f"{health.worst_angle:.3g}",
             "worst computing time [s]": f"{health.worst_time:.3g}",
-            "flags": ", ".join(flags) or "none",
+            "flags": flags or "none",
+            "stops touched": stops or "none",
+            "locked": locked or "none",
+            **{f"imposed on {name}": what for name, what in answering.imposed.items()},
         }
-        return self._status("solution", problems, f"{answering.connector.method}, {regime}", values)
+        return self._status("solution", problems, fine, values)
 
     def _topics(self, answering: Answering | None, links: Links) -> DiagnosticStatus:
         missing = () if answering is None else answering.matcher.missing

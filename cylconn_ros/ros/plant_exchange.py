@@ -10,7 +10,7 @@ import numpy as np
 from cylconn_ros.connector.matching import into_world
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.ros import cdr
-from cylconn_ros.ros.answering import BODIES, ODOMETRY, POSE, TWIST
+from cylconn_ros.ros.answering import BODIES, ODOMETRY, POSE, TWIST, WRENCH
 from cylconn_ros.ros.cdr_writers import OdometryWriter, StampedWriter
 
 _STATES = (slice(0, 13), slice(13, 26))  # pose and twist of A, of B
@@ -38,7 +38,7 @@ class Exchange:
     moving
         Indices of the bodies that move: their motion is sent, their wrenches are waited for.
     outputs
-        Type of each relative topic that is sent.
+        Type of each relative topic that is sent, loads only where there are any.
     wrenches
         (6,) force and torque on A and on B, as received; zero until the first.
     """
@@ -52,8 +52,12 @@ class Exchange:
         self._odometry = scene.input == "odometry"
         self._odometry_writers = [OdometryWriter(scene.world_frame, b.frame) for b in scene.bodies]
         self._pose_writer = StampedWriter(scene.world_frame, 7)
-        self._twist_writer = StampedWriter(scene.world_frame)
+        self._pair_writer = StampedWriter(scene.world_frame)
+        loads = [np.array(body.load) for body in (scene.plant.body_a, scene.plant.body_b)]
+        self._loads = {i: loads[i] for i in self.moving if loads[i].any()}
         for i in self.moving:
+            if i in self._loads:
+                self.outputs[f"{BODIES[i]}/load"] = WRENCH
             if self._odometry:
                 self.outputs[f"{BODIES[i]}/odom"] = ODOMETRY
             else:
@@ -94,6 +98,11 @@ class Exchange:
             if came == stamp:
                 self._answered.add(body)
 
+    def loads(self, stamp: int) -> Iterator[tuple[str, bytes]]:
+        """Relative topic and bytes of each load, stamp in ns; a connector holds it from then on."""
+        for i, load in self._loads.items():
+            yield f"{BODIES[i]}/load", self._pair_writer.write(stamp, load)
+
     def messages(self, stamp: int, state: np.ndarray) -> Iterator[tuple[str, bytes]]:
         """Relative topic and bytes of each message of a sample: (26,) ``state``, stamp in ns."""
         for i in self.moving:
@@ -104,4 +113,4 @@ class Exchange:
                 yield f"{BODIES[i]}/odom", self._odometry_writers[i].write(stamp, pose, turned)
             else:
                 yield f"{BODIES[i]}/pose", self._pose_writer.write(stamp, pose)
-                yield f"{BODIES[i]}/twist", self._twist_writer.write(stamp, twist)
+                yield f"{BODIES[i]}/twist", self._pair_writer.write(stamp, twist)

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.scene_file import scene_part
+from cylconn_ros.core import plant as physics
 from cylconn_ros.ros import process, qos
 from cylconn_ros.ros.answering import BODIES, WRENCH
 from cylconn_ros.ros.arguments import Arguments
@@ -28,17 +30,20 @@ USAGE = """\
 usage: plant [--ros-args --params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
 Two rigid bodies standing in for a simulator: publishes their poses and twists, and moves them as
-the wrenches say. Takes the same parameter file as connector; its own parameters begin with plant.
+the wrenches and constant loads (plant.body_a.load, plant.body_b.load, sent on body_a/load,
+body_b/load) say. Takes the same parameter file as connector; its own parameters begin with plant.
 Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
 Free running: plant.rate samples a second, each step with the newest wrenches.
 Exit codes: 0 plant.duration reached or stopped, 1 no connector or no answer, 2 arguments or
 parameters that cannot be used."""
 
-DISCOVERY = 120.0  # s of wall clock for a connector to appear; the first one ever compiles
+DISCOVERY = 240.0  # s of wall clock for a connector to appear; the first one ever compiles
 _SETTLING = 0.25  # s between seeing the connector and the first sample: it must see us, too
 _RESEND = 0.25  # s without an answer after which a sample is sent again
+_TAKING = Duration(nanoseconds=1_000_000_000)  # of wall clock for a load to be taken
 _LOOK = 0.05  # s between looks at the clock, and between lines of progress
-_REMIND = 5.0  # s between lines about waiting for a connector
+_PATIENCE = 1.0  # s without a connector before the first line about it
+_REMIND = 5.0  # s between such lines
 
 
 class PlantNode(Node):
@@ -50,6 +55,7 @@ class PlantNode(Node):
     def __init__(self, parameters: Mapping[str, Any], **node_arguments: Any) -> None:
         """Take dotted parameters; ``node_arguments`` go to the ROS node (namespace, context …)."""
         self.scene = Scene.from_parameters(scene_part(parameters))
+        process.announce_compiling(physics.step, lambda text: print(f"plant: {text}", flush=True))
         Plant(self.scene).step(np.zeros(6), np.zeros(6))  # compiled before anybody waits
         self.plant = Plant(self.scene)
         super().__init__("plant", parameter_overrides=ros_part(parameters), **node_arguments)
@@ -79,7 +85,7 @@ class PlantNode(Node):
         self._running = False
         self._seen = math.inf  # when the connector was first seen on all topics
         self._begin = self._sent = self._sent_again = time.monotonic()
-        self._reminded = self._begin
+        self._remind = self._begin + _PATIENCE
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK, self._look, clock=self._steady)
 
@@ -101,7 +107,13 @@ class PlantNode(Node):
             self._sent = self._sent_again = time.monotonic()
             self._send()
 
-    def _send(self) -> None:
+    def _send(self, first: bool = False) -> None:
+        """Send the sample, and the loads where the connector may not know them."""
+        if first or not self._settings.lock_step:
+            for name, data in self._exchange.loads(self.plant.time_ns):
+                self._out[name].publish(data)
+                if first:  # the sample shall not overtake them
+                    self._out[name].wait_for_all_acked(_TAKING)
         for name, data in self._exchange.messages(self.plant.time_ns, self.plant.state):
             self._out[name].publish(data)
 
@@ -132,7 +144,7 @@ class PlantNode(Node):
             elif now - self._sent_again > _RESEND:
                 self._sent_again = now
                 self.counts.sent_again += 1
-                self._send()
+                self._send(first=True)  # of a connector, perhaps, that was started anew
         self._say_progress()
 
     def _wait(self, now: float) -> None:
@@ -148,14 +160,14 @@ class PlantNode(Node):
         elif now - self._seen > _SETTLING:
             self._running = True
             self._begin = self._sent = self._sent_again = now
-            self._send()
+            self._send(first=True)
             if not self._settings.lock_step:
                 rate = self._settings.rate or 1.0 / self.scene.period
                 self.create_timer(1.0 / rate, self._tick, clock=self._steady)
         if missing and now - self._begin > DISCOVERY:
             self._give_up(f"no connector on {self._names(missing)} within {DISCOVERY:g} s")
-        elif missing and now - self._reminded > _REMIND:
-            self._reminded = now
+        elif missing and now > self._remind:
+            self._remind = now + _REMIND
             self._say(f"waiting for a connector on {self._names(missing)}")
 
     def _give_up(self, why: str) -> None:

@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from cylconn_ros.connector.parameters import SceneError
+from cylconn_ros.core.compiled import is_ready
 from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
 
 OK, FAILED, WRONG_USE = 0, 1, 2
@@ -42,7 +43,7 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
 
     Exit code 2, with one plain line, where arguments or parameters cannot be used.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # while starting: as Ctrl-C
+    terminate = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, at first
     try:
         arguments = read_arguments(sys.argv[1:] if argv is None else argv, name)
         if arguments.help:
@@ -58,6 +59,14 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
     except NameValidationException as error:
         print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
         return WRONG_USE
+    finally:
+        signal.signal(signal.SIGTERM, terminate)
+
+
+def announce_compiling(entry: Callable[..., Any], say: Callable[[str], object]) -> None:
+    """Say so, in one line, where the first call of an entry of the physics will compile it."""
+    if not is_ready(entry):
+        say("compiling the physics, once: this takes up to a minute, later starts are immediate")
 
 
 @contextlib.contextmanager
