@@ -26,7 +26,7 @@ def below(name: str, value: float, limit: float, unit: str, note: str = "") -> C
 def against(name: str, value: float, expected: float, limit: float, unit: str) -> Check:
     """Judge a value against an independent one."""
     error = abs(value - expected)
-    text = f"{value:.6f} {unit}  (reference {expected:.6f}, off by {error:.1e})"
+    text = f"{value:.6f} {unit}".rstrip() + f"  (reference {expected:.6f}, off by {error:.1e})"
     return Check(name, text, f"within {limit:.1e} {unit}", error <= limit)
 
 
@@ -38,7 +38,7 @@ def equal(name: str, value: int, expected: int) -> Check:
 def show(checks: Sequence[Check]) -> bool:
     """Print a summary; returns whether everything that was judged is well."""
     names = max(len(check.name) for check in checks)
-    values = max(len(check.value) for check in checks if check.bound)
+    values = max((len(check.value) for check in checks if check.bound), default=0)
     for check in checks:
         mark = {True: _mark("✓", "+"), False: _mark("✗", "X"), None: " "}[check.ok]
         line = f"{mark} {check.name:<{names}}  {check.value:<{values}}  {check.bound}"

@@ -1,13 +1,15 @@
 """Run a scene in this process, without ROS, with the plant and the connector step of the nodes.
 
 SCENE is a parameter file, or the name of a scene that comes along (demo, coast, incline, …).
-With -o the run is kept: NAME.npz holds arrays, any other NAME becomes a recorded run (rosbag2) as
-the nodes would have made it.
+A scene that comes along is compared with its exact or reference answer (docs/scenes.md), unless
+--duration cuts it short. With -o the run is kept: NAME.npz holds arrays, any other NAME becomes a
+recorded run (rosbag2) as the nodes would have made it.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import cylconn_ros
-from cylconn_ros.cli import scenes
+from cylconn_ros.cli import checks, scenes
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
@@ -24,7 +26,9 @@ from cylconn_ros.connector import scene_file
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.simulation import Run, simulate
 from cylconn_ros.core import layout
+from cylconn_ros.reference import library
 
+_ACCURATE = ("impulse", "minimal")
 _PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -37,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, keep and draw as asked; 1 if a sample was refused."""
+    """Simulate, keep and draw as asked; 1 if a sample was refused or the answer was missed."""
     path = scenes.find(options.scene)
     _check_names(options.output, options.plot)
     scene = scenes.load_with_overrides(path, options)
@@ -51,6 +55,7 @@ def run(options: argparse.Namespace) -> int:
     print(
         f"energy      {result.energy[0]:.6g} J at the start, {result.energy[-1]:.6g} J at the end"
     )
+    well = options.duration is not None or _compare(path, result)
     if options.output is not None:
         _keep(result, scene, options.output)
         inspect = "numpy.load" if options.output.suffix == ".npz" else "cylconn info"
@@ -60,7 +65,28 @@ def run(options: argparse.Namespace) -> int:
         print(f"picture     {options.plot}")
     if options.output is None and options.plot is None:
         print("next: keep the run with -o NAME, draw it with --plot FILE.png")
-    return 1 if found.refused else 0
+    return 0 if well and not found.refused else 1
+
+
+def _compare(path: Path, result: Run) -> bool:
+    """Print how near the run came to what is known of its scene; False if not near enough.
+
+    Only the methods that are held to it are judged; the others are compared.
+    """
+    if scenes.bundled().get(path.stem) != path or path.stem not in library.LIBRARY:
+        return True
+    print(f"answer      {library.LIBRARY[path.stem].source}")
+    try:
+        judged = library.judge(path.stem, result)
+    except ImportError as error:
+        print(f"            not computed: needs {error.name}, of pip install 'cylconn_ros[demo]'")
+        return True
+    held_to_it = result.connector.method in _ACCURATE
+    lines = []
+    for each in judged:
+        line = checks.against(each.name, each.value, each.expected, each.allowed, each.unit)
+        lines.append(line if held_to_it else dataclasses.replace(line, bound="", ok=None))
+    return checks.show(lines)
 
 
 def fields(result: Run) -> dict[str, np.ndarray]:

@@ -22,9 +22,10 @@ from cylconn_ros.core.bounds import (
     start_imposed,
 )
 from cylconn_ros.core.compiled import inline
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed
+from cylconn_ros.core.traction import least_traction
 from cylconn_ros.core.vectors import Vector
 from cylconn_ros.methods.sides import (
     Reduced,
@@ -219,20 +220,31 @@ def report(
             mu = traction / pressed.normal
     write_contact(out, pressed, mu, greatest, traction)
     if av.solved.regime == out_at.STICK and mem[model.STUCK] == 1.0:
-        out[out_at.STOP_TIME] = _time_to_rest(law.radius, o, r, greatest, h)
+        out[out_at.STOP_TIME] = _time_to_rest(law, par, o, r, av, h)
 
 
 @inline
-def _time_to_rest(radius: float, o: Observed, r: Reduced, greatest: float, h: float) -> float:
-    """|s| / |ds/dt| with friction at its limit against the slip velocity, at most the period."""
-    s1, s2 = o.twist.v[0], radius * o.twist.w[0]
+def _time_to_rest(law: Law, par: Array, o: Observed, r: Reduced, av: Available, h: float) -> float:
+    """|s| / |ds/dt| with sliding friction against the slip velocity, at most the period."""
+    s1, s2 = o.twist.v[0], law.radius * o.twist.w[0]
     size = math.sqrt(s1 * s1 + s2 * s2)
     if size == 0.0:
         return 0.0
-    f1, m1 = -greatest * s1 / size, -greatest * radius * s2 / size
+    x, y = -s1 / size, -law.radius * s2 / size  # (f1, m1) of a unit traction
+    push = (
+        av.spring[0] + av.damper[0] + av.actuation[0] + av.solved.reaction[0],
+        av.spring[1] + av.damper[1] + av.actuation[1] + av.solved.reaction[1],
+    )
+    b, c = r.by_f1, r.by_m1
+    by = (x * b[0] + y * c[0], x * b[1] + y * c[1], x * b[2] + y * c[2], x * b[3] + y * c[3])
+    base = reactions(r, push[0], push[1])
+    p, jammed, _ = least_traction(law, par, base, by, 1.0, size, math.inf)
+    if jammed:
+        return 0.0
+    f1, m1 = push[0] + p * x, push[1] + p * y
     d1 = r.free[0] + r.a[0] * f1 + r.a[1] * m1 - s1
-    d2 = radius * (r.free[1] + r.a[1] * f1 + r.a[2] * m1) - s2
+    d2 = law.radius * (r.free[1] + r.a[1] * f1 + r.a[2] * m1) - s2
     slowing = -(d1 * s1 + d2 * s2) / size
-    if slowing <= size:  # would not stop by friction alone within the period
+    if slowing <= size:  # would not stop within the period
         return h
     return h * size / slowing

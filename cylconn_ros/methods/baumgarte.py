@@ -9,8 +9,7 @@ oscillation (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1, 1972). alpha = be
 given: critical, and well within what a held force allows, beta^2 h/4 < alpha < 1/h.
 
 FN is made of the same instant's reactions, these of friction: along -s one scalar equation for the
-traction P, of which the least solution is taken. Newton's method from P = 0 does not pass it, as FN
-is convex in P; where it is not, steps of gap/(1 + greatest slope) do not.
+traction P, of which the least solution is taken (core/traction.py).
 
 What it cannot do: hold. Below v0 the law is viscous, so that a loaded sleeve creeps. And as the
 slip velocity is the sample's, friction is never more than what takes the slip away within the
@@ -27,11 +26,12 @@ from cylconn_ros.core.answer import write_contact, write_forces, write_wrenches
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
 from cylconn_ros.core.bounds import imposed_force
 from cylconn_ros.core.compiled import jit
-from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.inertia import of_body, of_both
 from cylconn_ros.core.kinematics import Frame, Twist
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed, observe
+from cylconn_ros.core.traction import least_traction, moved
 from cylconn_ros.core.vectors import (
     Vector,
     add,
@@ -49,7 +49,6 @@ from cylconn_ros.methods.sides import Reduced, reactions
 
 FEEDBACK = 0.2  # alpha h and beta h where they are not given
 STOPPED_AFTER = 3
-MOST_STEPS = 100
 
 
 @jit
@@ -176,8 +175,9 @@ def _friction(
         a11, a12, a22 = r.a[0], radius * r.a[1], radius * radius * r.a[2]
         most = rate / (h * (along * (a11 * along + 2.0 * a12 * around) + around * a22 * around))
         share = rate / math.sqrt(rate * rate + v0 * v0)
-        traction, flags, residual = _traction(law, par, base, by, share, rate, most)
-    pressed = contact(law, _moved(base, by, traction) if rate > 0.0 else base)
+        traction, jammed, residual = least_traction(law, par, base, by, share, rate, most)
+        flags = out_at.JAMMED if jammed else 0
+    pressed = contact(law, moved(base, by, traction) if rate > 0.0 else base)
     holds = rate <= v0 or traction >= most
     out[out_at.REGIME] = out_at.STICK if holds else out_at.SLIP
     mem[model.STUCK] = mem[model.STUCK] + 1.0 if holds else 0.0
@@ -186,42 +186,3 @@ def _friction(
     greatest = limit(law, par, rate, pressed.normal)
     write_contact(out, pressed, mu, greatest, traction)
     return (-traction * along, -traction * around * radius), flags, residual
-
-
-@jit
-def _moved(base: Four, by: Four, p: float) -> Four:
-    return (base[0] + p * by[0], base[1] + p * by[1], base[2] + p * by[2], base[3] + p * by[3])
-
-
-@jit
-def _traction(
-    law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
-) -> tuple[float, int, float]:
-    """The least P with P = share limit(FN(P)), at most ``most``; flags; its relative residual."""
-    growth = math.sqrt(by[0] * by[0] + by[1] * by[1])
-    growth += law.bending * math.sqrt(by[2] * by[2] + by[3] * by[3])
-    p, gap, size = 0.0, 0.0, 1.0
-    for _ in range(MOST_STEPS):
-        reaction = _moved(base, by, p)
-        at = contact(law, reaction)
-        mu = coefficient(law, par, rate, at.normal)
-        wanted = share * min(law.cap, mu * at.normal)
-        gap, size = wanted - p, wanted + p
-        if gap <= 1e-15 * size:
-            break
-        slope = -growth  # of FN, from below: for certain
-        convex = law.force_slope == 0.0 and at.radial + at.bending + law.preload > 0.0
-        if convex and mu * at.normal < law.cap:
-            slope = 0.0
-            if at.radial > 0.0:
-                slope += (reaction[0] * by[0] + reaction[1] * by[1]) / at.radial
-            if at.moment > 0.0:
-                slope += law.bending * (reaction[2] * by[2] + reaction[3] * by[3]) / at.moment
-        if share * mu * slope >= 1.0:  # grows faster than it is used up, ever more so: no root
-            capped = share * law.cap
-            return (capped, 0, 0.0) if capped < most else (most, out_at.JAMMED, 0.0)
-        p += gap / (1.0 - share * mu * slope)
-        if p >= most:
-            return most, 0, 0.0
-        p = min(p, share * law.cap)
-    return min(p, most), 0, max(gap, 0.0) / size if size > 0.0 else 0.0

@@ -231,9 +231,7 @@ def integrate(
                 i = rates_at(par, joint, t + h, new, s.stuck, s.sides, k[STAGES])
                 event, last = -1, h >= end - t
                 if watch(par, i, new, s.stuck, s.sides, s.locked, passing, seen) > 0:
-                    event, h = _first_event(
-                        par, joint, t, y, h, s, passing, k, new, before, seen
-                    )
+                    event, h = _first_event(par, joint, t, y, h, s, passing, k, new, before, seen)
                     last = False
                 y[:] = new
                 k[0] = k[STAGES]

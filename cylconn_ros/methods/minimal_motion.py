@@ -20,7 +20,6 @@ from cylconn_ros.core.layout import STICK
 from cylconn_ros.core.vectors import add, cross, norm, scale
 from cylconn_ros.methods import minimal_place as at
 from cylconn_ros.methods.minimal_forces import Instant, Sides, from_rest, instant
-from cylconn_ros.methods.minimal_impacts import bring_to_rest, impact
 from cylconn_ros.methods.minimal_place import acceleration, wrench_on_b
 from cylconn_ros.methods.minimal_tableau import E3, E5, STAGES, A, B, C
 

@@ -1,4 +1,4 @@
-"""Motions with a solution in closed form (derived from Coulomb's law on one disc)."""
+"""Motions with a solution in closed form (derived from Coulomb's law on one disc, SI units)."""
 
 import math
 
@@ -6,9 +6,10 @@ import math
 def coast(mu: float, gravity: float, preload: float, mass: float, v0: float) -> tuple[float, float]:
     """Stop time (s) and distance (m) of a sleeve whose mass centre is on the axis, at node b.
 
-    The normal force is m g + FCint throughout, gravity g across the axis: a = mu (g + FCint/m).
+    The normal force is |m g + FCint| throughout, gravity g across the axis:
+    a = mu |g + FCint/m|.
     """
-    a = mu * (gravity + preload / mass)
+    a = mu * abs(gravity + preload / mass)
     return v0 / a, 0.5 * v0 * v0 / a
 
 
@@ -22,3 +23,93 @@ def constant_normal_force(c: float, v0: float, tau: float) -> tuple[float, float
     """
     root = math.sqrt(1.0 + c * c)
     return 0.5 * tau * (root + math.asinh(c) / c), tau * v0 * (root**3 - 1.0) / (3.0 * c * c)
+
+
+def bouncing(gap: float, v0: float, restitution: float, time: float) -> tuple[float, float]:
+    """Position (m) from the first stop and velocity (m/s) between two stops ``gap`` apart.
+
+    It starts at the first with v0 towards the other; the n-th crossing (n from 0) takes
+    gap/(v0 restitution^n).
+    """
+    crossing, speed, left = 0, v0, time
+    while left > gap / speed:
+        left -= gap / speed
+        crossing, speed = crossing + 1, speed * restitution
+    if crossing % 2 == 0:
+        return speed * left, speed
+    return gap - speed * left, -speed
+
+
+def dry_oscillator(k: float, mass: float, force: float, x0: float) -> tuple[float, float]:
+    """Time (s) and place (m) of rest of a mass on a spring k with constant friction ``force``.
+
+    Each half cycle, pi sqrt(m/k) long, takes 2 force/k off the amplitude; it rests at the first
+    turning point with |k x| <= force.
+    """
+    shrink, amplitude, half_cycles = 2.0 * force / k, abs(x0), 0
+    while k * amplitude > force:
+        amplitude -= shrink
+        half_cycles += 1
+    side = math.copysign(1.0, x0) * (-1.0) ** half_cycles
+    return half_cycles * math.pi * math.sqrt(mass / k), side * amplitude
+
+
+def damped_oscillator(
+    k: float, c: float, mass: float, push: float, time: float
+) -> tuple[float, float]:
+    """Displacement (m) and velocity (m/s) under a constant ``push`` (N), from rest at u = 0.
+
+    m u'' = push - k u - c u', less than critically damped.
+    """
+    decay = 0.5 * c / mass
+    w = math.sqrt(k / mass - decay * decay)
+    sag, shrunk = push / k, math.exp(-decay * time)
+    swing = math.cos(w * time) + decay / w * math.sin(w * time)
+    return sag * (1.0 - shrunk * swing), sag * shrunk * (w + decay * decay / w) * math.sin(w * time)
+
+
+def own_centrifugal_load(
+    mu: float, radius: float, mass: float, offset: float, inertia: float, w0: float, time: float
+) -> tuple[float, float]:
+    """Angle (rad) and spin (rad/s) of a rotor braked by friction of its own centrifugal load.
+
+    The mass centre runs at ``offset`` from the shaft: FN = m r sqrt(w^4 + a^2), and with
+    gamma = mu R m r/(I + m r^2) the moment mu R FN gives a = -q w^2, q = gamma/sqrt(1 - gamma^2):
+
+        w = w0/(1 + q w0 t),     angle = ln(1 + q w0 t)/q
+    """
+    gamma = mu * radius * mass * offset / (inertia + mass * offset * offset)
+    q = gamma / math.sqrt(1.0 - gamma * gamma)
+    grown = 1.0 + q * w0 * time
+    return math.log(grown) / q, w0 / grown
+
+
+def near_jam(
+    mu: float, arm: float, overlap: float, gravity: float, v0: float
+) -> tuple[float, float]:
+    """Stop time (s) and distance (m) with the mass centre ``arm`` below the shaft.
+
+    Friction at the shaft bends the sleeve: FN = m g + (2/L) arm mu FN, so that
+    a = mu g/(1 - c), c = 2 mu arm/L < 1.
+    """
+    a = mu * gravity / (1.0 - 2.0 * mu * arm / overlap)
+    return v0 / a, 0.5 * v0 * v0 / a
+
+
+def decaying_coefficient(
+    kinetic: float, static: float, decay: float, gravity: float, v0: float
+) -> float:
+    """Stop time (s) of a coast with mu = mu_k + (mu_s - mu_k) exp(-dc |s|).
+
+    Separated: T = ln((mu_k exp(dc v0) + mu_s - mu_k)/mu_s) / (g mu_k dc).
+    """
+    rise = static - kinetic
+    return math.log((kinetic * math.exp(decay * v0) + rise) / static) / (gravity * kinetic * decay)
+
+
+def linear_coefficient(
+    at_rest: float, slope: float, gravity: float, v0: float
+) -> tuple[float, float]:
+    """Stop time (s) and distance (m) of a coast with mu = mu0 + b |s|: v' = -g (mu0 + b v)."""
+    time = math.log(1.0 + slope * v0 / at_rest) / (gravity * slope)
+    return time, v0 / (gravity * slope) - at_rest / slope * time

@@ -1,0 +1,255 @@
+"""The library of scenes: what each file of config/ is for, its exact or reference answer, and why.
+
+One place for everybody who runs a scene: ``cylconn simulate`` prints the comparison, the tests and
+benchmarks judge by it, and docs/scenes.md is made from it
+(``python -m cylconn_ros.reference.library > docs/scenes.md``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Mapping, Sequence
+
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.simulation import Run
+from cylconn_ros.reference import answers
+from cylconn_ros.reference.answers import Expected
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A scene with a known answer.
+
+    ``title`` says what happens, ``source`` where the answer comes from; ``answer`` makes the
+    expected quantities from the scene, whatever its period, and the time of the last sample.
+    """
+
+    title: str
+    source: str
+    answer: Callable[[Scene, float], Sequence[Expected]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """One quantity of a run beside what is expected of it."""
+
+    name: str
+    unit: str
+    value: float
+    expected: float
+    allowed: float
+
+    @property
+    def error(self) -> float:
+        """How far off the value is; NaN stays NaN."""
+        return abs(self.value - self.expected)
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is as near as the method should be."""
+        return self.error <= self.allowed
+
+
+CLOSED = "closed form"
+LIBRARY: dict[str, Case] = {
+    "demo": Case(
+        "A sleeve off its balance slides and spins down an incline until friction stops it",
+        "reduced equations, DOP853 (reference/fixed_shaft.py)",
+        answers.reduced_to_rest,
+    ),
+    "coast": Case("Coast on a loaded sleeve", f"{CLOSED}: a = mu (g + FCint/m)", answers.coast),
+    "press_fit": Case(
+        "Negative preload relieves the contact", f"{CLOSED}: a = mu |g + FCint/m|", answers.coast
+    ),
+    "stick_ellipse": Case(
+        "A hair below the verge of slip, f1^2 + (m1/R)^2 = (mu FN)^2",
+        f"{CLOSED}: statics",
+        answers.stick_ellipse,
+    ),
+    "slide_and_spin": Case(
+        "Slide and spin share one disc, k = m R^2/I = 2",
+        f"{CLOSED}: R w/(R w0) = (v/v0)^k",
+        answers.slide_and_spin,
+    ),
+    "binding_below": Case(
+        "An off-centre push just below the binding ratio",
+        f"{CLOSED}: a = F (1 - 2 mu e/L)/m",
+        answers.pushed,
+    ),
+    "binding_above": Case(
+        "An off-centre push just above the binding ratio",
+        f"{CLOSED}: binds for e/L >= 1/(2 mu)",
+        answers.stays,
+    ),
+    "drawer_slide": Case(
+        "A drawer pushed beside its rail",
+        f"{CLOSED}: a = (F - mu (m g + 2 F e/L))/m",
+        answers.pushed,
+    ),
+    "journal_verge": Case(
+        "A body hanging in its journal just below the angle that friction holds",
+        f"{CLOSED}: sin(angle) <= mu R/l holds",
+        answers.stays,
+    ),
+    "journal_pendulum": Case(
+        "A body hanging in its journal swings once and is held",
+        "reduced equations, DOP853 (reference/fixed_shaft.py)",
+        answers.reduced_to_rest,
+    ),
+    "incline": Case(
+        "Slider on an incline",
+        f"{CLOSED}: a = g (sin b - mu cos b)",
+        answers.incline,
+    ),
+    "incline_stick": Case(
+        "Slider on an incline below the friction angle", f"{CLOSED}: statics", answers.stays
+    ),
+    "between_stops": Case(
+        "To and fro between two stops",
+        f"{CLOSED}: the n-th crossing takes w/(v0 eps^n)",
+        answers.between_stops,
+    ),
+    "end_stop": Case(
+        "Down a slope onto a stop without restitution", f"{CLOSED}: statics", answers.end_stop
+    ),
+    "dry_friction_oscillator": Case(
+        "A spring against dry friction",
+        f"{CLOSED}: turning points shrink by 2 F/k",
+        answers.dry_friction_oscillator,
+    ),
+    "free_flight": Case(
+        "Two free bodies, 1000 to 1, tumbling without friction",
+        "conservation of momentum and energy",
+        answers.conserved,
+    ),
+    "hub_and_rotor": Case(
+        "Two free bodies, 1000 to 1, turning together with friction",
+        "Newton-Euler with multipliers, DOP853 (reference/free_pair.py)",
+        answers.turning_pair,
+    ),
+    "twenty_turns": Case(
+        "The angle counts 40 pi", f"{CLOSED}: constant spin", answers.twenty_turns
+    ),
+    "three_answers": Case(
+        "Three solutions: a sliding sleeve takes the least",
+        f"{CLOSED}: |f1| = mu (FCint + 2 |M - d |f1||/L)",
+        answers.three_answers,
+    ),
+    "eccentric_rotor": Case(
+        "A rotor braked by friction of its own centrifugal load",
+        f"{CLOSED}: w0/(1 + q w0 t)",
+        answers.eccentric_rotor,
+    ),
+    "near_jam": Case(
+        "Coupling c = 0.95: friction twenty times mu m g",
+        f"{CLOSED}: a = mu g/(1 - c), c = 2 mu d/L",
+        answers.near_jam,
+    ),
+    "jam": Case(
+        "Coupling c = 1.05: no finite sliding force",
+        "impulsive stop (Painleve): at rest at once",
+        answers.jam,
+    ),
+    "stuck_pair": Case(
+        "Stick between two tumbling bodies",
+        "statics of the turning pair; conservation of momentum and energy",
+        answers.stuck_pair,
+    ),
+    "bead_on_rod": Case(
+        "A bead on a rod that is turned", f"{CLOSED}: l0 cosh(w t)", answers.bead_on_rod
+    ),
+    "telescopic_strut": Case(
+        "Weight on spring and damper",
+        f"{CLOSED}: damped oscillation",
+        answers.telescopic_strut,
+    ),
+    "stribeck_coast": Case(
+        "Coast with mu = mu_k + (mu_s - mu_k) exp(-dc |s|)",
+        f"{CLOSED}: separated",
+        answers.stribeck_coast,
+    ),
+    "table_coast": Case(
+        "Coast with mu from a table, mu = mu0 + b |s|",
+        f"{CLOSED}: exponential",
+        answers.table_coast,
+    ),
+    "torque_limiter": Case(
+        "Spin braked at the cap on friction", f"{CLOSED}: constant moment", answers.torque_limiter
+    ),
+    "latch": Case("The slide locks in passing", f"{CLOSED}: constant speed", answers.latch),
+}
+"""Every scene file of config/ but connector.yaml, which is an example of all parameters."""
+
+
+def expected(name: str, scene: Scene, end: float) -> Sequence[Expected]:
+    """The quantities known of the scene ``name`` at its last sample, at the time ``end`` (s).
+
+    ``scene`` is as in the file, but for its period. Raises KeyError for a name that is not in the
+    library, and ImportError where the answer needs SciPy and there is none.
+    """
+    return LIBRARY[name].answer(scene, end)
+
+
+def judge(name: str, run: Run) -> list[Judged]:
+    """Compare a run of the scene ``name`` with its answer, at the accuracy of ``impulse``."""
+    scene = run.connector.scene
+    return [
+        Judged(each.name, each.unit, float(each.of(run)), each.value, each.allowed(scene.period))
+        for each in expected(name, scene, float(run.time[-1]))
+    ]
+
+
+def steps(scene: Scene) -> int:
+    """Samples from the start to the scene's duration, both included."""
+    return round(scene.plant.duration / scene.period) + 1
+
+
+HEAD = """\
+# Scenes
+
+Every scene is a parameter file in `config/` that serves `connector`, `plant` and
+`cylconn simulate NAME` alike. `simulate` compares with the answer below and says how far off it is;
+`test/test_library.py` runs them all. *Within* is what the method `impulse` is held to at the period
+of the file; *order* is how that shrinks with the period, 0 where the answer is exact at any period.
+Made from `cylconn_ros/reference/library.py`:
+`python -m cylconn_ros.reference.library > docs/scenes.md`.
+
+| scene | what happens | quantity | answer | within | order | source |
+|---|---|---|---|---|---|---|
+"""
+
+
+def lines(scenes: Mapping[str, Scene]) -> list[str]:
+    """Rows of the table for the scenes given by name: one a quantity."""
+    rows = []
+    for name, scene in scenes.items():
+        case = LIBRARY[name]
+        for k, each in enumerate(expected(name, scene, scene.plant.duration)):
+            cells = (
+                *((f"`{name}`", case.title) if k == 0 else ("", "")),
+                each.name,
+                f"{each.value:.6g} {each.unit}".strip(),
+                f"{each.allowed(scene.period):.1g}",
+                f"{each.order:g}",
+                case.source if k == 0 else "",
+            )
+            rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return rows
+
+
+def table(scenes: Mapping[str, Scene]) -> str:
+    """Write docs/scenes.md from the library's scenes by name."""
+    return HEAD + "\n".join(lines(scenes)) + "\n"
+
+
+def main() -> int:
+    """Print docs/scenes.md; run from the root of the repository."""
+    from cylconn_ros.connector.scene import load
+
+    print(table({name: load(f"config/{name}.yaml") for name in LIBRARY}), end="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
