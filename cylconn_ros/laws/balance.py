@@ -77,11 +77,8 @@ def parts(p: Parameters, o: Observed, s: Step, out: Array, end: Array, size: Arr
     rows = []
     ends = end[:, AVAILABLE] + s.bracket[:, AVAILABLE]
     ends_size = size[:, AVAILABLE] + s.bracket_size[:, AVAILABLE]
-    for k, (total, first) in enumerate(
-        ((layout.FORCE, layout.FORCE_ELASTIC), (layout.MOMENT, layout.MOMENT_ELASTIC))
-    ):
+    for k, first in enumerate((layout.FORCE_ELASTIC, layout.MOMENT_ELASTIC)):
         five = out[:, first : first + 5]
-        rows.append(ratio(out[:, total] - five.sum(axis=1), np.abs(five).sum(axis=1)))
         reference = np.where(np.isnan(p.reference[:, k]), o.start[:, k], p.reference[:, k])
         way = o.place[:, k] - reference + 0.25 * p.h * (o.w[:, AVAILABLE[k]] + ends[:, k])
         way_size = o.place_size[:, k] + np.abs(reference)
@@ -94,9 +91,30 @@ def parts(p: Parameters, o: Observed, s: Step, out: Array, end: Array, size: Arr
         # both in one row: a stiff spring's rounding moves the end of the step for the damper
         both = five[:, 0] + five[:, 1] + spring + damper
         rows.append(ratio(both, spring_size + damper_size))
-    pressed = contact(p, out[:, layout.FORCE : layout.MOMENT], _moment(out))
+    rows += [sums(out), pressed(p, out)]
+    return np.asarray(np.max(rows, axis=0))
+
+
+def sums(out: Array) -> Array:
+    """A: the five parts of f1 and of m1 add up."""
+    rows = []
+    for total, first in (
+        (layout.FORCE, layout.FORCE_ELASTIC),
+        (layout.MOMENT, layout.MOMENT_ELASTIC),
+    ):
+        five = out[:, first : first + 5]
+        rows.append(ratio(out[:, total] - five.sum(axis=1), np.abs(five).sum(axis=1)))
+    return np.asarray(np.max(rows, axis=0))
+
+
+def pressed(p: Parameters, out: Array) -> Array:
+    """A: Fr, Mbend, Fbend and FN are those of the reported wrench."""
+    rows = []
+    parts_of = contact(p, out[:, layout.FORCE : layout.MOMENT], _moment(out))
     names = (layout.RADIAL_FORCE, layout.BENDING_MOMENT, layout.BENDING_FORCE, layout.NORMAL_FORCE)
-    for at, value in zip(names, pressed, strict=True):
-        terms = value if at != layout.NORMAL_FORCE else pressed[0] + pressed[2] + np.abs(p.preload)
+    for at, value in zip(names, parts_of, strict=True):
+        terms = (
+            value if at != layout.NORMAL_FORCE else parts_of[0] + parts_of[2] + np.abs(p.preload)
+        )
         rows.append(ratio(out[:, at] - value, terms))
     return np.asarray(np.max(rows, axis=0))

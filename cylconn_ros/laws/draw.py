@@ -20,7 +20,8 @@ from cylconn_ros.laws.parameters import Bools, Parameters
 
 Array = NDArray[np.float64]
 Random = np.random.Generator
-FAMILIES = ("wide", "wide", "sliding", "sliding", "roots", "jam", "turning")
+Names = NDArray[np.str_]
+FAMILIES = ("wide", "sliding", "roots", "wide", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
     ("fixed", "free"),
@@ -168,7 +169,7 @@ def _table(rng: Random, mu: float, weight: float) -> dict[str, list[float]]:
     return {"rates": _list(rates), "forces": _list(forces), "values": _list(values)}
 
 
-def states(rng: Random, p: Parameters, family_of: Array, fixed: tuple[Bools, Bools]) -> Array:
+def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Bools]) -> Array:
     """(n, NSAMPLE) random samples without loads, one for each row of ``p``.
 
     B stands where the connector lets it, but for a violation, and moves as it may, but for another.
@@ -237,7 +238,7 @@ def _rates(rng: Random, n: int, calm: Bools) -> tuple[Array, Array]:
     return v, w
 
 
-def load(rng: Random, p: Parameters, sample: Array, family_of: Array) -> None:
+def load(rng: Random, p: Parameters, sample: Array, family_of: Names) -> None:
     """Draw the loads of (n, NSAMPLE) samples anew, in place.
 
     In the family ``roots`` the load bends B against the arm of friction about its mass centre:

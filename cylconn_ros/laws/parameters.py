@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,15 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
+Self = TypeVar("Self", bound="Rows")
+
+
 class Rows:
     """A dataclass of arrays with one row each per sample (or of such dataclasses)."""
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Rows:
+    def take(self: Self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """The rows of ``index``, for every column."""
-        values = {}
+        values: dict[str, Any] = {}
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             values[field.name] = value.take(index) if isinstance(value, Rows) else value[index]

@@ -8,13 +8,14 @@ one step and hold for any sample: nothing depends on how well that step is made.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws import draw, rigid
 from cylconn_ros.laws.balance import received
@@ -26,6 +27,7 @@ from cylconn_ros.laws.step import begin
 Array = NDArray[np.float64]
 CHAINS = 16  # random starts of one scene
 LENGTH = 8  # successive samples of each
+BLOCK = 64  # scenes drawn together
 FASTEST = 1e3  # m/s and rad/s
 ASTRAY = 1.0  # m and rad
 
@@ -49,21 +51,30 @@ class Drawn:
     place: NDArray[np.intp]  # (n,) in the chain
 
 
+def blocks_for(samples: int) -> int:
+    """How many blocks hold at least ``samples`` samples."""
+    return max(1, -(-samples // (BLOCK * CHAINS * LENGTH)))
+
+
 def blocks(
-    seed: int, numbers: range, method: str, make: type[Connector] = Connector
+    seed: int, number: int, method: str, make: Callable[[Scene], Answers] = Connector
 ) -> Iterator[Drawn]:
-    """The samples of the scenes ``numbers``, a block for each place in the chains."""
-    scenes = [draw.scene(seed, number, method) for number in numbers]
+    """The samples of the block of scenes ``number``, a part for each place in the chains.
+
+    Everything follows from the seed and the block's number: any part can be had again alone.
+    """
+    numbers = range(number * BLOCK, (number + 1) * BLOCK)
+    scenes = [draw.scene(seed, k, method) for k in numbers]
     tables = tables_of(scenes)
     of = np.repeat(np.arange(len(scenes)), CHAINS)
     chain = np.tile(np.arange(CHAINS), len(scenes))
     p = parameters_of(scenes).take(of)
-    names = np.array([draw.family(number) for number in numbers])[of]
+    names = np.array([draw.family(k) for k in numbers])[of]
     fixed = (
         np.array([s.body_a.kind == "fixed" for s in scenes])[of],
         np.array([s.body_b.kind == "fixed" for s in scenes])[of],
     )
-    rng = draw.generator(seed, 1_000_000_000 + numbers.start)
+    rng = draw.generator(seed, 1_000_000_000 + number)
     sample = draw.states(rng, p, names, fixed)
     draw.load(rng, p, sample, names)
     past = no_history(len(of))

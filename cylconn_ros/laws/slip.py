@@ -86,6 +86,24 @@ def friction_laws(
     }
 
 
+def friction_of_sample(block: Block, o: Observed) -> dict[str, Array]:
+    """D and E of a method whose friction opposes the sample's slip velocity: s~ = s-."""
+    p, out = block.parameters, block.out
+    unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
+    before, size = unit * o.w[:, AVAILABLE], unit * o.w_size[:, AVAILABLE]
+    given = np.abs(
+        out[:, [layout.FORCE + 1, layout.FORCE + 2, layout.MOMENT + 1, layout.MOMENT + 2]]
+    )
+    f = friction_of(block, given)
+    rate = rigid.norm(before)
+    over = np.maximum(f.traction - limit(p, block.tables, rate, f.normal), 0.0)
+    power = np.maximum(rigid.dot(f.phi, before), 0.0)
+    return {
+        "D": _only(p.on, ratio(over, _terms(block, f, rate, rigid.norm(size)))),
+        "E": _only(p.on, ratio(power, rigid.dot(np.abs(f.phi), size))),
+    }
+
+
 @dataclasses.dataclass
 class Reported(Rows):
     """Friction and contact as the reported wrench has them."""

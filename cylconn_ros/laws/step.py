@@ -7,6 +7,7 @@ velocity, spin by the midpoint rule of Euler's equation. All rows for all sample
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class _Free(Rows):
     turn_size: Array
 
 
-def _column(x: Array) -> Array:
+def _column(x: NDArray[Any]) -> NDArray[Any]:
     return x[:, None]
 
 

@@ -1,0 +1,286 @@
+"""All solutions of friction on the disc by brute force: whether an answer is the one to be taken.
+
+With the constrained components eliminated all candidates lie on phi(r) = -(theta S + r)^-1 s~_free,
+from phi = 0 (r = inf) to stick (r = 0); solutions are the zeros of limit/|phi| - 1. A fine grid
+finds the changes of sign, and where the gap only dips towards zero the dip is searched, so that a
+pair of roots between two points of the grid is found too.
+
+Rule: after stick, stick where it is admissible. Else the first root from r = inf, of theta = 1/2
+where the slip velocity does not turn too far, else of theta = 1; stick where there is none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import layout
+from cylconn_ros.laws import rigid
+from cylconn_ros.laws.friction import contact, limit
+from cylconn_ros.laws.observed import Observed, observe
+from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
+from cylconn_ros.laws.residual import Block
+from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, compliance
+
+Array = NDArray[np.float64]
+GRID = 1200
+REFINED = 90  # halvings or golden sections
+CLOSE = 1e-3  # of phi: the same solution; that it is one to rounding is the matter of S and D
+WORST_CONDITION = 1e10  # of the elimination: beyond it a grid cannot tell solutions apart
+UNSURE = 1e-9  # two answers are equally right when a decision hangs on less
+
+
+@dataclasses.dataclass
+class Problem(Rows):
+    """What is left for friction: s+ = s_free + S phi, (f2 f3 m2 m3) = base + by phi."""
+
+    parameters: Parameters
+    before: Array  # (n, 2) s-
+    free: Array  # (n, 2)
+    s: Array  # (n, 2, 2)
+    base: Array  # (n, 4)
+    by: Array  # (n, 4, 2)
+    after_stick: Bools
+    condition: Array  # of the elimination
+    noise: Array  # (n, 2) the sizes of the terms of s- and s_free
+
+
+@dataclasses.dataclass
+class Found:
+    """The verdict on a block: rows that were judged, and those judged wrong or undecided."""
+
+    judged: Bools
+    wrong: Bools
+    unsure: Bools
+    several: Bools  # more than one solution
+
+
+@dataclasses.dataclass
+class Verdict:
+    """Counts over many blocks, and where the first wrong answers are."""
+
+    samples: int = 0
+    judged: int = 0
+    wrong: int = 0
+    unsure: int = 0
+    several: int = 0
+    where: list[str] = dataclasses.field(default_factory=list)
+
+    def add(self, found: Found, *columns: NDArray[np.intp]) -> None:
+        """Count a block; columns name its rows."""
+        self.samples += len(found.judged)
+        self.judged += int(found.judged.sum())
+        self.wrong += int(found.wrong.sum())
+        self.unsure += int(found.unsure.sum())
+        self.several += int(found.several.sum())
+        for row in np.flatnonzero(found.wrong)[: 5 - len(self.where)]:
+            self.where.append("/".join(str(int(column[row])) for column in columns))
+
+
+def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
+    """Eliminate constraint, springs and dampers: a 6 x 6 system with three right-hand sides."""
+    n, h = len(p.h), p.h[:, None]
+    g = compliance(p, s)
+    unit = np.stack([np.ones(n), p.radius], axis=1)
+    u = o.place - np.where(np.isnan(p.reference), o.start, p.reference)
+    e = 0.25 * p.stiffness * h + 0.5 * p.damping
+    push = -p.stiffness * (u + 0.25 * h * o.w[:, AVAILABLE])
+    push -= 0.5 * p.damping * o.w[:, AVAILABLE]
+    ends = s.free[:, AVAILABLE] + s.bracket[:, AVAILABLE]
+    scale = np.sqrt(np.einsum("nii->ni", g))
+    even = g / (scale[:, :, None] * scale[:, None, :])  # in units where G has ones on its diagonal
+    matrix, right = np.empty((n, 6, 6)), np.zeros((n, 6, 3))
+    stiff = h * e * scale[:, AVAILABLE] ** 2
+    matrix[:, AVAILABLE] = stiff[:, :, None] * even[:, AVAILABLE]
+    for k, row in enumerate(AVAILABLE):
+        matrix[:, row, row] += 1.0
+        right[:, row, 0] = scale[:, row] * (push - e * ends)[:, k]
+        right[:, row, 1 + k] = scale[:, row] * unit[:, k]
+    matrix[:, CONSTRAINED] = even[:, CONSTRAINED]
+    right[:, CONSTRAINED, 0] = (s.target - s.free[:, CONSTRAINED]) / (scale[:, CONSTRAINED] * h)
+    greatest = np.max(np.abs(matrix), axis=2, keepdims=True)
+    condition = np.linalg.cond(matrix / greatest)
+    wrench = np.linalg.solve(matrix / greatest, right / greatest) / scale[:, :, None]
+    slips = h[:, :, None] * (g[:, AVAILABLE] @ wrench)
+    slips[:, :, 0] += ends + s.hold
+    slips *= unit[:, :, None]
+    inner = 0.5 * (slips[:, :, 1:] + slips[:, :, 1:].transpose(0, 2, 1))
+    reactions = wrench[:, CONSTRAINED]
+    before = unit * o.w[:, AVAILABLE]
+    free_size = s.free_size + s.bracket_size
+    free_size[:, AVAILABLE] += s.hold_size
+    noise = np.stack(
+        [rigid.norm(unit * size[:, AVAILABLE]) for size in (o.w_size, free_size)], axis=1
+    )
+    return Problem(
+        p,
+        before,
+        slips[:, :, 0],
+        inner,
+        reactions[:, :, 0],
+        reactions[:, :, 1:],
+        o.holding,
+        condition,
+        noise,
+    )
+
+
+@dataclasses.dataclass
+class Curve(Rows):
+    """phi(r) = -V diag(1 / (l + r)) V^T s~_free, l the eigenvalues of theta S."""
+
+    problem: Problem
+    values: Array  # (n, 2) ascending
+    vectors: Array  # (n, 2, 2)
+    along: Array  # (n, 2) V^T s~_free
+
+    def phi(self, r: Array) -> Array:
+        """(n, 2) at r (n,)."""
+        return rigid.out_of(self.vectors, -self.along / (self.values + r[:, None]))
+
+    def gap(self, tables: Sequence[Table], r: Array) -> Array:
+        """(n,) limit/|phi| - 1 at r: negative between an odd and an even root from r = inf."""
+        q, p = self.problem, self.problem.parameters
+        phi = self.phi(r)
+        size = rigid.norm(phi)
+        force = q.base + rigid.out_of(q.by, phi)
+        none = np.zeros(len(r))
+        normal = contact(
+            p, np.column_stack([none, force[:, :2]]), np.column_stack([none, force[:, 2:]])
+        )[3]
+        return limit(p, tables, r * size, normal) / size - 1.0
+
+
+def curve_of(q: Problem, theta: float) -> Curve:
+    """The curve of candidates for one theta."""
+    values, vectors = np.linalg.eigh(q.s)
+    mean = (1.0 - theta) * q.before + theta * q.free
+    return Curve(q, theta * values, vectors, rigid.into(vectors, mean))
+
+
+def first_root(c: Curve, tables: Sequence[Table]) -> tuple[Array, Array, Array]:
+    """The greatest r of a root (n,), 0 where there is none; how many were seen; the nearest miss.
+
+    The nearest miss is the least |gap| of a dip that was or was not taken for a pair of roots.
+    """
+    n = len(c.along)
+    far = 1e30 * np.maximum(c.values[:, 1], 1e-300)
+    rest = far / np.maximum(1.0 + c.gap(tables, far), 1e-300)  # about where limit = traction
+    top = np.log(1e4 * np.maximum(c.values[:, 1], rest))
+    low = np.log(1e-7 * c.values[:, 0])
+    places = top + (low - top) * np.linspace(0.0, 1.0, GRID)[:, None]
+    gaps = np.stack([c.gap(tables, np.exp(x)) for x in places] + [c.gap(tables, np.zeros(n))])
+    places = np.concatenate([places, low[None] - 40.0])
+    below = gaps < 0.0
+    changes = below[1:] != below[:-1]
+    any_change = changes.any(axis=0)
+    first = np.where(any_change, changes.argmax(axis=0), GRID)
+    miss, dip_root = _dips(c, tables, places, gaps, first)
+    high, less = places[first, np.arange(n)], places[np.minimum(first + 1, GRID), np.arange(n)]
+    for _ in range(REFINED):
+        middle = 0.5 * (high + less)
+        beyond = c.gap(tables, np.exp(middle)) >= 0.0
+        high, less = np.where(beyond, middle, high), np.where(beyond, less, middle)
+    root = np.where(any_change, np.exp(high), 0.0)
+    root = np.where(dip_root > 0.0, dip_root, root)
+    return root, changes.sum(axis=0) + 2 * (dip_root > 0.0), miss
+
+
+def _dips(
+    c: Curve, tables: Sequence[Table], places: Array, gaps: Array, first: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Search local minima of the gap above the first change of sign: (least |gap|, r of a root)."""
+    n = gaps.shape[1]
+    least, root = np.full(n, np.inf), np.zeros(n)
+    inner = (gaps[1:-1] <= gaps[:-2]) & (gaps[1:-1] <= gaps[2:]) & (gaps[1:-1] >= 0.0)
+    inner &= gaps[1:-1] < 0.2
+    inner &= np.arange(1, len(gaps) - 1)[:, None] <= first
+    steps, rows = np.nonzero(inner)
+    if not len(rows):
+        return least, root
+    sub = c.take(rows)
+    a, b = places[steps, rows], places[np.minimum(steps + 2, len(places) - 1), rows]
+    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
+    for _ in range(REFINED):
+        x, y = b - ratio * (b - a), a + ratio * (b - a)
+        left = sub.gap(tables, np.exp(x)) < sub.gap(tables, np.exp(y))
+        a, b = np.where(left, a, x), np.where(left, y, b)
+    bottom = 0.5 * (a + b)
+    depth = sub.gap(tables, np.exp(bottom))
+    np.minimum.at(least, rows, np.abs(depth))
+    high, less = places[steps, rows], bottom.copy()
+    for _ in range(REFINED):
+        middle = 0.5 * (high + less)
+        beyond = sub.gap(tables, np.exp(middle)) >= 0.0
+        high, less = np.where(beyond, middle, high), np.where(beyond, less, middle)
+    np.maximum.at(root, rows, np.where(depth < 0.0, np.exp(high), 0.0))
+    return least, root
+
+
+def judge(block: Block) -> Found:
+    """Whether the answers of a block are the solutions that the rule names."""
+    p, out, tables = block.parameters, block.out, block.tables
+    o = observe(p, block.sample, block.past)
+    q = problem_of(p, o, begin(p, o, block.sample))
+    values = np.linalg.eigvalsh(q.s)
+    rows = p.on & (out[:, layout.STOP] == 0) & (q.condition < WORST_CONDITION)
+    rows &= values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
+    index = np.flatnonzero(rows)
+    q = q.take(index)
+    given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
+    given[:, 1] /= q.parameters.radius
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        expected, unsure, several = named(q, tables, given)
+    apart = rigid.norm(given - expected) > CLOSE * rigid.norm(expected)
+    apart |= ~np.isfinite(expected).all(axis=1)
+    everything = np.zeros((3, len(p.h)), dtype=np.bool_)
+    everything[0, index] = apart & ~unsure
+    everything[1, index] = apart & unsure
+    everything[2, index] = several
+    return Found(rows, *everything)
+
+
+def _cancelled(q: Problem, phi: Array) -> Array:
+    """(n,) how much greater the terms of FN are than FN."""
+    p, none = q.parameters, np.zeros(len(phi))
+    at = q.base + rigid.out_of(q.by, phi)
+    size = np.abs(q.base) + rigid.out_of(np.abs(q.by), np.abs(phi))
+    normal, terms = (
+        contact(p, np.column_stack([none, f[:, :2]]), np.column_stack([none, f[:, 2:]]))
+        for f in (at, size)
+    )
+    greatest = terms[0] + terms[2] + np.abs(p.preload)
+    return np.asarray(greatest / np.maximum(normal[3], 1e-300))
+
+
+def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Bools, Bools]:
+    """Phi (n, 2) that the rule names, whether that hangs on rounding, whether there were several.
+
+    given: (n, 2) the answer's phi, for the size of rounding errors.
+    """
+    full, half = curve_of(q, 1.0), curve_of(q, 0.5)
+    margin = full.gap(tables, np.zeros(len(q.free)))
+    admissible = margin >= 0.0
+    least = UNSURE + 1e-15 * q.condition * _cancelled(q, given)
+    unsure = np.abs(margin) < least
+    unsure |= rigid.norm(q.free) < UNSURE * q.noise[:, 1]  # nothing moves but rounding
+    r1, count, miss = first_root(full, tables)
+    unsure |= miss < least
+    r2, _, miss = first_root(half, tables)
+    unsure |= miss < least
+    phi = half.phi(r2)
+    end = q.free + rigid.out_of(q.s, phi)
+    square = rigid.dot(q.before, q.before)
+    turn = rigid.dot(q.before, end) - 0.25 * square
+    allowed = (r2 > 0.0) & (turn > 0.0) & ~q.after_stick & (square > 0.0)
+    size = rigid.norm(q.before) * rigid.norm(end) + 0.25 * square
+    close = (np.abs(turn) < UNSURE * size) | (rigid.norm(q.before) < UNSURE * q.noise[:, 0])
+    unsure |= (r2 > 0.0) & close & ~q.after_stick
+    at_rest = full.phi(np.zeros(len(r1)))
+    found = np.where((r1 > 0.0)[:, None], full.phi(r1), at_rest)
+    found = np.where(allowed[:, None], phi, found)
+    found = np.where((q.after_stick & admissible)[:, None], at_rest, found)
+    return found, unsure, (count + admissible) > 1
