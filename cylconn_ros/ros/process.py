@@ -66,7 +66,7 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
 def announce_compiling(entry: Callable[..., Any], say: Callable[[str], object]) -> None:
     """Say so, in one line, where the first call of an entry of the physics will compile it."""
     if not is_ready(entry):
-        say("compiling the physics, once: this takes up to a minute, later starts are immediate")
+        say("compiling the physics, once: half a minute or more; later starts do without")
 
 
 @contextlib.contextmanager
