@@ -151,7 +151,7 @@ def _bodies(bodies: Sequence[Body], nodes: Sequence[tuple[float, ...]]) -> Bodie
     inertia = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
     inverse = np.zeros((n, 3, 3))
     inverse_mass = np.zeros(n)
-    for k in np.flatnonzero(free):
+    for k in map(int, np.flatnonzero(free)):
         xx, xy, xz, yy, yz, zz = bodies[k].inertia
         inertia[k] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
         inverse[k] = np.linalg.inv(inertia[k])

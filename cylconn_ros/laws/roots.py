@@ -45,7 +45,8 @@ class Problem(Rows):
     by: Array  # (n, 4, 2)
     after_stick: Bools
     condition: Array  # of the elimination
-    noise: Array  # (n, 2) the sizes of the terms of s- and s_free
+    before_size: Array  # (n, 2) the sizes of the terms of s- and s_free
+    free_size: Array
 
 
 @dataclasses.dataclass
@@ -102,8 +103,10 @@ def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
     matrix[:, CONSTRAINED] = even[:, CONSTRAINED]
     right[:, CONSTRAINED, 0] = (s.target - s.free[:, CONSTRAINED]) / (scale[:, CONSTRAINED] * h)
     greatest = np.max(np.abs(matrix), axis=2, keepdims=True)
-    condition = np.linalg.cond(matrix / greatest)
-    wrench = np.linalg.solve(matrix / greatest, right / greatest) / scale[:, :, None]
+    matrix, right = matrix / greatest, right / greatest
+    condition = np.linalg.cond(matrix)
+    matrix[condition > 1e3 * WORST_CONDITION] = np.eye(6)  # not judged
+    wrench = np.linalg.solve(matrix, right) / scale[:, :, None]
     slips = h[:, :, None] * (g[:, AVAILABLE] @ wrench)
     slips[:, :, 0] += ends + s.hold
     slips *= unit[:, :, None]
@@ -112,9 +115,7 @@ def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
     before = unit * o.w[:, AVAILABLE]
     free_size = s.free_size + s.bracket_size
     free_size[:, AVAILABLE] += s.hold_size
-    noise = np.stack(
-        [rigid.norm(unit * size[:, AVAILABLE]) for size in (o.w_size, free_size)], axis=1
-    )
+    sizes = [unit * size[:, AVAILABLE] for size in (o.w_size, free_size)]
     return Problem(
         p,
         before,
@@ -124,7 +125,7 @@ def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
         reactions[:, :, 1:],
         o.holding,
         condition,
-        noise,
+        *sizes,
     )
 
 
@@ -256,6 +257,16 @@ def _cancelled(q: Problem, phi: Array) -> Array:
     return np.asarray(greatest / np.maximum(normal[3], 1e-300))
 
 
+def _moved(q: Problem, c: Curve, phi: Array) -> Array:
+    """(n,) how far the rounding of s_free moves phi."""
+    traction = rigid.norm(phi)
+    rate = rigid.norm(q.free + rigid.out_of(q.s, phi))
+    r = np.where(traction > 0.0, rate / np.where(traction > 0.0, traction, 1.0), 0.0)
+    vectors = np.abs(c.vectors)
+    size = rigid.into(vectors, q.free_size) / (c.values + r[:, None])
+    return 1e-15 * rigid.norm(rigid.out_of(vectors, size))
+
+
 def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Bools, Bools]:
     """Phi (n, 2) that the rule names, whether that hangs on rounding, whether there were several.
 
@@ -266,7 +277,7 @@ def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Boo
     admissible = margin >= 0.0
     least = UNSURE + 1e-15 * q.condition * _cancelled(q, given)
     unsure = np.abs(margin) < least
-    unsure |= rigid.norm(q.free) < UNSURE * q.noise[:, 1]  # nothing moves but rounding
+    unsure |= _moved(q, full, given) > 0.1 * CLOSE * rigid.norm(given)
     r1, count, miss = first_root(full, tables)
     unsure |= miss < least
     r2, _, miss = first_root(half, tables)
@@ -277,7 +288,9 @@ def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Boo
     turn = rigid.dot(q.before, end) - 0.25 * square
     allowed = (r2 > 0.0) & (turn > 0.0) & ~q.after_stick & (square > 0.0)
     size = rigid.norm(q.before) * rigid.norm(end) + 0.25 * square
-    close = (np.abs(turn) < UNSURE * size) | (rigid.norm(q.before) < UNSURE * q.noise[:, 0])
+    close = (np.abs(turn) < UNSURE * size) | (
+        rigid.norm(q.before) < UNSURE * rigid.norm(q.before_size)
+    )
     unsure |= (r2 > 0.0) & close & ~q.after_stick
     at_rest = full.phi(np.zeros(len(r1)))
     found = np.where((r1 > 0.0)[:, None], full.phi(r1), at_rest)

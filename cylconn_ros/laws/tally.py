@@ -43,7 +43,7 @@ class Tally:
     samples: int = 0
 
     def add(
-        self, residuals: Mapping[str, Array], out: Array, where: Sequence[Sequence[int]]
+        self, residuals: Mapping[str, Array], out: Array, where: Sequence[NDArray[np.intp]]
     ) -> None:
         """Count (n,) residuals by letter and (n, NOUT) answers; where: columns that name a row."""
         self.samples += len(out)

@@ -1,0 +1,223 @@
+"""The samples of a recorded run, with the history that each answer had.
+
+Messages go through the node's own matching, in the order in which they were recorded; states and
+wrenches belong to the sample of their stamp. History follows from the samples and the regimes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.matching import SampleMatcher
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout
+from cylconn_ros.laws.observed import History, no_history, observe, remember
+from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
+from cylconn_ros.laws.residual import Block
+from cylconn_ros.recording.errors import RecordingError
+from cylconn_ros.recording.reader import Run, Table
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_BODIES = ("body_a", "body_b")
+_WHOLE = {
+    "regime": layout.REGIME,
+    "stop": layout.STOP,
+    "lock": layout.LOCK,
+    "status": layout.STATUS,
+    "flags": layout.FLAGS,
+}
+
+
+@dataclasses.dataclass
+class Recorded:
+    """Answered samples of a run, in histories that begin with their reference configuration."""
+
+    method: str
+    scene: Scene
+    sample: Array  # (n, NSAMPLE)
+    out: Array  # (n, NOUT)
+    h: Array  # (n,) periods as the connector had them
+    begins: NDArray[np.bool_]  # (n,) a new history
+    left_out: int  # states without a sample, or whose history is not in the recording
+    why: str
+
+    @property
+    def parts(self) -> int:
+        """How many blocks there are."""
+        return int(self.begins.sum())
+
+    def blocks(self) -> Iterator[tuple[Block, Index]]:
+        """A block for every history, and the numbers of its samples."""
+        first = np.flatnonzero(self.begins)
+        for low, high in zip(first, [*first[1:], len(self.h)], strict=True):
+            yield self._block(int(low), int(high)), np.arange(low, high)
+
+    def _block(self, low: int, high: int) -> Block:
+        one = parameters_of([self.scene])
+        p = with_period(one.take(np.zeros(high - low, dtype=np.intp)), self.h[low:high])
+        sample, out = self.sample[low:high], self.out[low:high]
+        return Block(p, tables_of([self.scene]), sample, out, _history(p, one, sample, out))
+
+
+def _history(p: Parameters, one: Parameters, sample: Array, out: Array) -> History:
+    """The history before each of the samples of one connector since its start."""
+    n = len(sample)
+    first = remember(
+        one, observe(one, sample[:1], no_history(1)), no_history(1), np.zeros(1, dtype=np.bool_)
+    )
+    past = first.take(np.zeros(n, dtype=np.intp))
+    past.started[0] = False
+    past.angle[1:], past.spin[1:] = out[:-1, layout.ANGLE], out[:-1, layout.ANGULAR_VELOCITY]
+    past.period[1:], past.period[0] = p.h[:-1], 0.0
+    stick = out[:, layout.REGIME] == layout.STICK
+    for k in range(1, n):
+        past.stuck[k] = past.stuck[k - 1] + 1.0 if stick[k - 1] else 0.0
+    place = observe(p, sample, past).place
+    for k in range(1, n):  # the place that stick holds is that of its second sample
+        past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else place[k]
+        if past.stuck[k] > 1.0 and past.stuck[k - 1] == 1.0:
+            past.held[k] = place[k - 1]
+    return past
+
+
+def samples_of(run: Run) -> Recorded:
+    """Match the inputs of a run with its answers.
+
+    Raises RecordingError where parameters, inputs or states are missing.
+    """
+    if not run.parameters:
+        raise RecordingError(f"{run.path}: no parameters were stored with the run")
+    scene = Scene.from_parameters(run.parameters)
+    state = run.state
+    if not len(state):
+        raise RecordingError(f"{run.path}: no state was recorded")
+    answers = _answers(run, state)
+    samples, outs, periods, begins = [], [], [], []
+    known, left_out = False, 0
+    why = "the recording begins after the reference configuration, which the laws need"
+    exchanged = 0.0
+    for stamp, h, restarted, sample in _matched(run, scene):
+        out = answers.pop(stamp, None)
+        if out is None or out[layout.STATUS] != layout.OK:
+            continue
+        fresh = out[layout.DISPLACEMENT] == 0.0 and out[layout.ROTATION] == 0.0
+        again = restarted or out[layout.ENERGY_EXCHANGED] < exchanged or not known
+        exchanged = out[layout.ENERGY_EXCHANGED]
+        if again:
+            known = bool(fresh)
+        if not known:
+            left_out += 1
+            continue
+        samples.append(sample)
+        outs.append(out)
+        periods.append(scene.period or h)
+        begins.append(again)
+    refused = sum(out[layout.STATUS] != layout.OK for out in answers.values())
+    left_out += len(answers) - int(refused)
+    return Recorded(
+        str(state["method"][0]),
+        scene,
+        np.array(samples).reshape(-1, layout.NSAMPLE),
+        np.array(outs).reshape(-1, layout.NOUT),
+        np.array(periods),
+        np.array(begins, dtype=np.bool_),
+        left_out,
+        why,
+    )
+
+
+def _answers(run: Run, state: Table) -> dict[int, Array]:
+    """OUT by stamp."""
+    n = len(state)
+    out = np.zeros((n, layout.NOUT))
+    for name, width in layout.STATE_FIELDS:
+        at = layout.STATE_INDEX[name]
+        out[:, at : at + width] = np.asarray(state[name]).reshape(n, width)
+    for name, at in _WHOLE.items():
+        out[:, at] = state[name]
+    rows = {int(stamp): row for row, stamp in enumerate(state.stamp)}
+    for body, at in zip(_BODIES, (layout.FORCE_A, layout.FORCE_B), strict=True):
+        table = run.table(run.topic(f"{body}/wrench"))
+        values = _vectors(table, ("wrench.force", "wrench.torque"))
+        for stamp, wrench in zip(table.stamp, values, strict=True):
+            row = rows.get(int(stamp))
+            if row is not None:
+                out[row, at : at + 6] = wrench
+    return {stamp: out[row] for stamp, row in rows.items()}
+
+
+def _vectors(table: Table, names: tuple[str, ...], axes: str = "xyz") -> Array:
+    return np.column_stack([table[f"{name}.{axis}"] for name in names for axis in axes])
+
+
+def _pose(table: Table, prefix: str) -> Array:
+    position = _vectors(table, (f"{prefix}position",))
+    return np.hstack([position, _vectors(table, (f"{prefix}orientation",), "xyzw")])
+
+
+def _matched(run: Run, scene: Scene) -> Iterator[tuple[int, float, bool, Array]]:
+    """Stamp, time since the last sample, restart and sample, in the order of the recording."""
+    matcher = SampleMatcher(scene)
+    messages: list[tuple[int, int, int, Any]] = []  # log time, rank, number, call
+    loads = 0
+    for body, name in enumerate(_BODIES):
+        for rank, kind in enumerate(("load", "pose", "twist", "odom")):
+            topic = next((t for t in run.types if t.endswith(f"{name}/{kind}")), None)
+            if topic is None:
+                continue
+            loads += kind == "load"
+            table = run.table(topic)
+            messages += _calls(matcher, body, kind, rank, table)
+    if not loads:  # simulate knows its loads from the scene
+        matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
+    messages.sort(key=lambda message: message[:3])
+    for *_, call in messages:
+        found = call()
+        if found is not None and not found.repeated:
+            yield found.stamp, found.h, found.restarted, matcher.sample.copy()
+
+
+def _calls(
+    matcher: SampleMatcher, body: int, kind: str, rank: int, table: Table
+) -> list[tuple[int, int, int, Any]]:
+    """The messages of one topic as calls of the matcher."""
+    frames, stamps = table["header.frame_id"], table.stamp
+    calls: list[Any] = []
+    if kind == "odom":
+        poses = _pose(table, "pose.pose.")
+        twists = _vectors(table, ("twist.twist.linear", "twist.twist.angular"))
+        children = table["child_frame_id"]
+        calls = [
+            lambda k=k: matcher.odometry(
+                body,
+                int(stamps[k]),
+                (str(frames[k]), str(children[k])),
+                poses[k].tolist(),
+                twists[k].tolist(),
+            )
+            for k in range(len(table))
+        ]
+    elif kind == "load":
+        wrenches = _vectors(table, ("wrench.force", "wrench.torque"))
+        calls = [
+            lambda k=k: matcher.load(body, str(frames[k]), wrenches[k].tolist())
+            for k in range(len(table))
+        ]
+    else:
+        if kind == "pose":
+            rows = _pose(table, "pose.")
+        else:
+            rows = _vectors(table, ("twist.linear", "twist.angular"))
+        take = matcher.pose if kind == "pose" else matcher.twist
+        calls = [
+            lambda k=k: take(body, int(stamps[k]), str(frames[k]), rows[k].tolist())
+            for k in range(len(table))
+        ]
+    return [(int(table.log_time[k]), rank, k, call) for k, call in enumerate(calls)]
