@@ -14,7 +14,7 @@ import numpy as np
 from cylconn_ros.bench.errors import LeftOutError
 from cylconn_ros.bench.kernel import Batch
 from cylconn_ros.bench.methods import METHODS, available, served_by, with_period
-from cylconn_ros.bench.problems import Problem, handful
+from cylconn_ros.bench.problems import Problem, handful, problem
 from cylconn_ros.bench.results import STEP, Findings, Gap, Measurement
 from cylconn_ros.bench.settings import Settings
 from cylconn_ros.bench.timing import Contestant, Spread, take_turns, timed
@@ -37,28 +37,28 @@ def measure(settings: Settings) -> Findings:
     for method in METHODS:
         if method not in available():
             found.gaps.append(Gap("every problem", method, "absent", "is not written yet"))
-    problems = list(handful(settings.load))
     periods = PERIODS[:FEWEST] if settings.quick else PERIODS
-    for problem in problems[1:2] if settings.quick else problems:
+    chosen = [problem(settings.load, "slide_and_spin")] if settings.quick else None
+    for each in chosen or handful(settings.load):
         connectors = {}
         for method in available():
             try:
-                found.add(convergence(problem, method, periods))
-                connectors[method] = Connector(served_by(with_period(problem.scene, SHOWN), method))
+                found.add(convergence(each, method, periods))
+                connectors[method] = Connector(served_by(with_period(each.scene, SHOWN), method))
             except LeftOutError as reason:
-                found.gaps.append(Gap(problem.name, method, "left out", str(reason)))
-        found.add(_costs(problem, connectors, settings))
+                found.gaps.append(Gap(each.name, method, "left out", str(reason)))
+        found.add(_costs(each, connectors, settings))
     return found
 
 
-def convergence(problem: Problem, method: str, periods: Sequence[float]) -> Findings:
+def convergence(case: Problem, method: str, periods: Sequence[float]) -> Findings:
     """Errors over the periods, and the fitted orders. Raises LeftOutError."""
     found = Findings()
     errors: dict[float, Errors] = {}
     for h in periods:
-        scene = served_by(with_period(problem.scene, h), method)
+        scene = served_by(with_period(case.scene, h), method)
         with np.errstate(all="ignore"):  # a method may blow up here; its errors say so
-            errors[h] = problem.errors(simulate(scene, round(problem.duration / h) + 1))
+            errors[h] = case.errors(simulate(scene, round(case.duration / h) + 1))
     for quantity, (_, unit) in errors[periods[0]].items():
         sizes = [errors[h][quantity][0] for h in periods]
         if all(math.isnan(size) for size in sizes):
@@ -67,13 +67,13 @@ def convergence(problem: Problem, method: str, periods: Sequence[float]) -> Find
             note = "" if survived(size) else "failed"
             found.measurements.append(
                 Measurement(
-                    problem.name, method, f"{ERROR}: {quantity}", size, unit,
+                    case.name, method, f"{ERROR}: {quantity}", size, unit,
                     settings={"period": h}, note=note,
                 )
             )  # fmt: skip
         slope, note = fitted(periods, sizes)
         found.measurements.append(
-            Measurement(problem.name, method, f"{ORDER}: {quantity}", slope, "1", note=note)
+            Measurement(case.name, method, f"{ORDER}: {quantity}", slope, "1", note=note)
         )
     return found
 
@@ -97,17 +97,17 @@ def fitted(periods: Sequence[float], errors: Sequence[float]) -> tuple[float, st
     return float(np.polyfit(h, e, 1)[0]), note
 
 
-def _costs(problem: Problem, connectors: dict[str, Connector], settings: Settings) -> Findings:
+def _costs(case: Problem, connectors: dict[str, Connector], settings: Settings) -> Findings:
     """CPU time of an answer in a batch, all methods on the same samples, in turns."""
-    scene = with_period(problem.scene, SHOWN)
-    run = simulate(scene, min(1000, round(problem.duration / SHOWN)))
+    scene = with_period(case.scene, SHOWN)
+    run = simulate(scene, min(1000, round(case.duration / SHOWN)))
     samples = np.zeros((len(run.time), layout.NSAMPLE))
     samples[:, layout.MOTION] = run.states
     contestants = [Contestant(n, timed(Batch(c, samples))) for n, c in connectors.items()]
     times = take_turns(contestants, settings.rounds, settings.block)
     return Findings(
         measurements=[
-            Measurement.of(problem.name, name, STEP, Spread.of(values), "µs", scale=1e6)
+            Measurement.of(case.name, name, STEP, Spread.of(values), "µs", scale=1e6)
             for name, values in times.items()
         ]
     )
