@@ -1,6 +1,7 @@
 """The connector: one public step for live node, replay, plant loop and benchmark alike."""
 
 import math
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ class Connector:
         self.method = choose_method(scene)
         self.model = describe_model(scene, self.method)
         self._method = methods.NAMES[self.method]
+        self._steps = _steps_of(self.method)
         self._par = pack(scene)
         self._mem = np.zeros(model.NMEM)
         self._period = scene.period
@@ -92,11 +94,20 @@ class Connector:
         """
         if out is None:
             out = np.empty(layout.NOUT)
-        methods.step(self._method, self._par, self._mem, sample, self._period or h, out)
+        self._steps.step(self._method, self._par, self._mem, sample, self._period or h, out)
         return out
 
     def run(self, samples: Array) -> Array:
         """Answer (N, NSAMPLE) samples in order: (N, NOUT). The scene's period must not be 0."""
         outs = np.empty((len(samples), layout.NOUT))
-        methods.run(self._method, self._par, self._mem, samples, self._period, outs)
+        self._steps.run(self._method, self._par, self._mem, samples, self._period, outs)
         return outs
+
+
+def _steps_of(method: str) -> ModuleType:
+    """The compiled entries of a method; minimal's, which take long to compile, only when asked."""
+    if method != "minimal":
+        return methods
+    from cylconn_ros.methods import minimal_step
+
+    return minimal_step

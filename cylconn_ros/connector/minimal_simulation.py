@@ -1,4 +1,4 @@
-"""The whole motion of a scene in its own coordinates: the simulation without a wrench, to tolerance.
+"""The whole motion of a scene in its own coordinates: a simulation without a wrench, to tolerance.
 
 No period, no held wrench: what the equations say, with every event located. It is the reference
 for runs of plant and connector, and an independent way to compute a scene.
@@ -19,9 +19,9 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.observe import observe
 from cylconn_ros.methods import minimal_place as place
-from cylconn_ros.methods.minimal_forces import instant
-from cylconn_ros.methods.minimal_integrate import integrate
-from cylconn_ros.methods.minimal_motion import INTEGRALS, LOG
+from cylconn_ros.methods import minimal_report as report
+from cylconn_ros.methods.minimal_motion import LOG
+from cylconn_ros.methods.minimal_rates import INTEGRALS
 from cylconn_ros.methods.minimal_start import start
 
 Array = NDArray[np.float64]
@@ -47,34 +47,80 @@ class Solution:
 
     Attributes
     ----------
-        states: (N, 26) poses and twists of both bodies, as in a sample (core/layout.py).
-        length, angle, velocity, angular_velocity: (N,) of slide and spin; m, rad, m/s, rad/s.
-        forces: (N, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a (of e1b where misaligned).
-        friction: (N, 2) f1f, m1f. reaction: (N, 2) of stops and locks in f1, m1.
-        normal_force, traction, limit: (N,) FN, P and what P may be, N.
-        slip: (N,) accumulated slip, m. regime: (N,) FRICTIONLESS, STICK or SLIP.
-        integrals: (N, 6) of |s|, FN, f1f, m1f, f1, m1 over time, impulses of events included.
+        time: (N,) s. rows: (N, WIDTH) as methods/minimal_report.py lays them out.
         events: what happened, in order.
         evaluations: how often the equations of motion were evaluated.
     """
 
     time: Array
-    states: Array
-    length: Array
-    angle: Array
-    velocity: Array
-    angular_velocity: Array
-    forces: Array
-    friction: Array
-    reaction: Array
-    normal_force: Array
-    traction: Array
-    limit: Array
-    slip: Array
-    regime: NDArray[np.int64]
-    integrals: Array
+    rows: Array
     events: tuple[Event, ...]
     evaluations: int
+
+    @property
+    def states(self) -> Array:
+        """(N, 26) poses and twists of both bodies, as in a sample (core/layout.py)."""
+        return self.rows[:, : report.COORDINATES]
+
+    @property
+    def length(self) -> Array:
+        """(N,) position in the slot, m."""
+        return self.rows[:, report.COORDINATES]
+
+    @property
+    def angle(self) -> Array:
+        """(N,) rad."""
+        return self.rows[:, report.COORDINATES + 1]
+
+    @property
+    def velocity(self) -> Array:
+        """(N,) of the slide, m/s."""
+        return self.rows[:, report.COORDINATES + 2]
+
+    @property
+    def angular_velocity(self) -> Array:
+        """(N,) of the spin, rad/s."""
+        return self.rows[:, report.COORDINATES + 3]
+
+    @property
+    def forces(self) -> Array:
+        """(N, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a (moments: of e1b where misaligned)."""
+        return self.rows[:, report.FORCES : report.FRICTION]
+
+    @property
+    def friction(self) -> Array:
+        """(N, 2) f1f, m1f."""
+        return self.rows[:, report.FRICTION : report.REACTION]
+
+    @property
+    def reaction(self) -> Array:
+        """(N, 2) of stops and locks in f1, m1."""
+        return self.rows[:, report.REACTION : report.NORMAL]
+
+    @property
+    def normal_force(self) -> Array:
+        """(N,) FN."""
+        return self.rows[:, report.NORMAL]
+
+    @property
+    def traction(self) -> Array:
+        """(N,) P."""
+        return self.rows[:, report.TRACTION]
+
+    @property
+    def limit(self) -> Array:
+        """(N,) what P may be."""
+        return self.rows[:, report.LIMIT]
+
+    @property
+    def regime(self) -> Array:
+        """(N,) FRICTIONLESS, STICK or SLIP."""
+        return self.rows[:, report.REGIME]
+
+    @property
+    def integrals(self) -> Array:
+        """(N, 6) of |s|, FN, f1f, m1f, f1, m1 over time, with the impulses of events."""
+        return self.rows[:, report.INTEGRALS :]
 
     @property
     def stop_time(self) -> float:
@@ -111,21 +157,19 @@ def solve(
     if not np.all(np.isfinite(wanted)) or wanted[0] < 0.0 or np.any(np.diff(wanted) < 0.0):
         raise ValueError(f"times = {show(wanted.tolist())}: must be finite, ascending and >= 0")
     par, joint, y = initial(scene)
-    n = len(y) - INTEGRALS
+
     log = np.zeros((MOST_EVENTS, LOG))
-    t, locked, stuck, count, evaluations = 0.0, False, False, 0, 0
-    step = 0.1 * max(wanted[-1], 1e-9)
-    rows = []
-    for end in wanted:
-        ran = integrate(par, joint, y, t, end, rtol, step, locked, stuck, log, count, most_steps)
-        if not ran.complete:
-            raise RuntimeError(f"stopped at t = {ran.t:.9g} s after {most_steps} steps")
-        evaluations += ran.evaluations
-        count, locked, stuck, t = ran.events, ran.state.locked, ran.state.stuck, end
-        rows.append(_row(par, joint, t, y, n, ran.state))
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    events = tuple(Event(r[0], KINDS[int(r[1])], r[2], r[3], r[4]) for r in log[:count].tolist())
-    return Solution(wanted, *columns, events, evaluations)
+    rows = np.zeros((len(wanted), report.WIDTH))
+    ran = report.trajectory(
+        par, joint, y, wanted, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps
+    )
+    if not ran.complete:
+        raise RuntimeError(f"stopped at t = {ran.t:.9g} s after {most_steps} steps")
+    events = tuple(
+        Event(time, KINDS[int(kind)], length, angle, restitution)
+        for time, kind, length, angle, restitution in log[: ran.events].tolist()
+    )
+    return Solution(wanted, rows, events, ran.evaluations)
 
 
 def initial(scene: Scene) -> tuple[Array, Array, Array]:
@@ -157,28 +201,3 @@ def _check(scene: Scene) -> None:
                 raise SceneError(
                     f"command.{name}.{quantity} = {show(value)}: imposed motion is served live only"
                 )
-
-
-def _row(par: Array, joint: Array, t: float, y: Array, n: int, state: object) -> tuple:
-    """One row of every column of a Solution."""
-    i = instant(par, joint, t, y, state.stuck, state.sides)
-    states = []
-    for m, at in ((i.place.a, model.BODY_A), (i.place.b, model.BODY_B)):
-        body = model.body(par, at)
-        from_origin = _turned(m.orientation, body.com)
-        position = np.subtract(m.com, from_origin)
-        velocity = np.subtract(m.velocity, np.cross(m.spin, from_origin))
-        states += [*position, *m.orientation, *velocity, *m.spin]
-    f, m, c = *i.total, i.constraint
-    on = model.law(par).on
-    regime = layout.FRICTIONLESS if not on else layout.STICK if state.stuck else layout.SLIP
-    return (
-        states, *y[:4], [f, c[0], c[1], m, c[2], c[3]], i.friction, i.reaction, i.normal,
-        i.traction, i.limit, y[n], regime, y[n:].copy(),
-    )  # fmt: skip
-
-
-def _turned(q: tuple[float, ...], a: tuple[float, ...]) -> Array:
-    from cylconn_ros.core.vectors import matrix, out_of
-
-    return np.array(out_of(matrix(q), a))

@@ -67,9 +67,10 @@ class Scene:
     period: float = parameter(0.001, ge=0.0, unit="s", doc="Sample period h; 0: from the stamps.")
     method: str = parameter(
         "auto",
-        choices=("auto", "impulse", "baumgarte", "penalty", "augmented_lagrangian"),
-        doc="Inertia known: impulse, or baumgarte, the textbook's; unknown: penalty, or "
-        "augmented_lagrangian, which does not give; auto: impulse where it can, else penalty.",
+        choices=("auto", "impulse", "minimal", "baumgarte", "penalty", "augmented_lagrangian"),
+        doc="Inertia known: impulse; minimal, the mean wrench of the integrated motion; baumgarte, "
+        "the textbook's. Unknown: penalty, or augmented_lagrangian, which does not give. "
+        "auto: impulse where it can, else penalty.",
     )
     tolerance: float = parameter(
         0.0, ge=0.0, unit="1", doc="Relative accuracy asked of the solution; 0: none stated."

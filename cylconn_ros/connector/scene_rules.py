@@ -100,7 +100,7 @@ def principal_moments(inertia: Sequence[float]) -> list[float]:
 
 
 def _check_method(scene: Scene) -> None:
-    if scene.method in ("impulse", "baumgarte"):
+    if scene.method in ("impulse", "minimal", "baumgarte"):
         for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
             if body.kind == "unknown":
                 raise SceneError(

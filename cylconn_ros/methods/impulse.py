@@ -50,7 +50,7 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.available import available, report
+from cylconn_ros.methods.available import Available, available, report
 from cylconn_ros.methods.sides import Reduced
 
 UNDERSAMPLED_ABOVE = 0.5  # |w| h
@@ -109,17 +109,28 @@ def pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, floa
     return -greatest * e1 / size, -greatest * e2 / size, True
 
 
-@jit
-def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
-    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
-    o = observe(par, mem, sample, out)
+class Step(NamedTuple):
+    """What a step is before anybody says what acts on slide and spin."""
+
+    a: Free
+    b: Free
+    acting: Frame  # the configuration q~
+    g: Inertia
+    free: Twist  # J~ vf
+    turning: Twist
+    target: Four
+    reduced: Reduced
+    flags: int
+
+
+@inline
+def frozen(par: Array, sample: Array, o: Observed, h: float) -> Step:
+    """q~, vf, the inertia that the wrench meets, and the constraint eliminated."""
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     explicit = model.output(par).semi_implicit
     flags = o.flags
     if max(norm(o.a.spin), norm(o.b.spin)) * h > UNDERSAMPLED_ABOVE:
         flags |= out_at.UNDERSAMPLED
-
-    # q~, vf and the inertia that the wrench meets there
     free_a = _loaded(par, body_a, o.a, sample, out_at.A_LOAD, h, explicit)
     free_b = _loaded(par, body_b, o.b, sample, out_at.B_LOAD, h, explicit)
     f = frame(model.nodes(par), free_a.middle, free_b.middle)
@@ -130,25 +141,42 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     wf = relative_twist(f, free_a.end, free_b.end)
     turning = _turning(model.nodes(par), f, o, h, explicit)
     target, far = _target(par, o, turning, h, explicit)
-    reduced = eliminated(g, wf, turning, target, h)
     if far:
         flags |= out_at.MISALIGNED
+    return Step(
+        free_a, free_b, f, g, wf, turning, target, eliminated(g, wf, turning, target, h), flags
+    )
 
-    # friction, springs and dampers on what is left; then the reactions
-    av = available(par, mem, o, reduced, h, explicit)
+
+@inline
+def answer(
+    par: Array, mem: Array, out: Array, o: Observed, s: Step, av: Available, h: float
+) -> int:
+    """Write wrenches and state for what acts on slide and spin; returns the flags."""
     f1, m1 = mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1]
     force = (f1, av.constraint[0], av.constraint[1])
     moment = (m1, av.constraint[2], av.constraint[3])
-    flags |= av.solved.flags
+    flags = s.flags | av.solved.flags
     flags |= write_wrenches(
-        par, mem, out, f, force, moment, body_a, body_b, o.a, o.b,
-        free_a.orientation, free_b.orientation,
+        par, mem, out, s.acting, force, moment,
+        model.body(par, model.BODY_A), model.body(par, model.BODY_B), o.a, o.b,
+        s.a.orientation, s.b.orientation,
     )  # fmt: skip
-    report(par, mem, out, o, reduced, av, force, moment, h)
-    out[out_at.RESIDUAL] = max(av.solved.residual, unmet(g, wf, turning, target, force, moment, h))
+    report(par, mem, out, o, s.reduced, av, force, moment, h)
+    unsolved = unmet(s.g, s.free, s.turning, s.target, force, moment, h)
+    out[out_at.RESIDUAL] = max(av.solved.residual, unsolved)
     if mem[model.STUCK] >= STOPPED_AFTER:
         flags |= out_at.STOPPED
     return flags
+
+
+@jit
+def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
+    o = observe(par, mem, sample, out)
+    s = frozen(par, sample, o, h)
+    av = available(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
+    return answer(par, mem, out, o, s, av, h)
 
 
 @inline

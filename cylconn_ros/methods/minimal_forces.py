@@ -18,7 +18,7 @@ from cylconn_ros.core.bounds import Held, Two, hold
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.disc import Solution, disc_problem, solve_disc
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
-from cylconn_ros.core.layout import FRICTIONLESS, JAMMED, SLIP, STICK
+from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
 from cylconn_ros.core.linear import Four
 from cylconn_ros.methods import minimal_place as at
 from cylconn_ros.methods.minimal_place import Place, Reduced, place, reduced
@@ -43,6 +43,7 @@ class Instant(NamedTuple):
     traction: float  # P
     limit: float  # of P; in stick, what it may reach
     slip: float  # |s|
+    stiffness: float  # 1/s, at most, at which friction pulls the direction of slip into place
     jammed: bool  # sliding on has no finite force
 
 
@@ -190,12 +191,13 @@ def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Si
         return Instant(
             p, (0.0, 0.0), spring, damper, friction, (x[0] - friction[0], x[1] - friction[1]),
             (push[0] + x[0], push[1] + x[1]), c, normal,
-            math.sqrt(friction[0] * friction[0] + q * q), limit(law, par, 0.0, normal), 0.0, False,
+            math.sqrt(friction[0] * friction[0] + q * q), limit(law, par, 0.0, normal),
+            0.0, 0.0, False,
         )  # fmt: skip
     held = Held(r.free, r.s, (0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
     if sides[0] != 0 or sides[1] != 0:
         held = hold(r.free, r.s, sides, (0.0, 0.0))
-    friction, traction, jammed = (0.0, 0.0), 0.0, False
+    friction, traction, stiffness, jammed = (0.0, 0.0), 0.0, 0.0, False
     v, w = y[at.SLIDE], law.radius * y[at.SPIN]
     slip = math.sqrt(v * v + w * w)
     if law.on and slip > 0.0:
@@ -206,6 +208,7 @@ def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Si
         if jammed:
             traction = 0.0
         friction = (traction * g, traction * k)
+        stiffness = traction * (held.s[0] + law.radius * law.radius * held.s[2]) / slip
     f, m = friction
     x = (
         held.q0[0] + held.q1[0] * f + held.q2[0] * m,
@@ -218,7 +221,8 @@ def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Si
     )
     return Instant(
         p, a, spring, damper, friction, (x[0] - f, x[1] - m), (push[0] + x[0], push[1] + x[1]),
-        c, contact(law, c).normal, traction, traction, slip, jammed,
+        c, contact(law, c).normal, traction, traction, slip, stiffness,
+        jammed,
     )  # fmt: skip
 
 
@@ -240,19 +244,18 @@ def disc_of(
 @jit
 def from_rest(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, was_stick: bool
-) -> tuple[int, Two, bool]:
-    """Regime at rest, the acceleration (l'', alpha'') with which it breaks away, and a jam."""
+) -> tuple[int, Two]:
+    """Regime at rest, and the acceleration (l'', alpha'') with which it breaks away."""
     law = model.law(par)
     _, r, _, _, _ = _free_of(par, joint, t, y)
     held = hold(r.free, r.s, sides, (0.0, 0.0))
     if not law.on:
-        return FRICTIONLESS, held.free, False
+        return FRICTIONLESS, held.free
     tau = INSTANT
     base = plus(r.base, along(r, held.q0[0], held.q0[1]))
     s = (tau * held.s[0], tau * held.s[1], tau * held.s[2])
     free = (tau * held.free[0], tau * held.free[1])
     found = disc_of(law.radius, free, s, base, r, held, law, par, was_stick)
-    jammed = found.flags & JAMMED != 0
     if found.regime == STICK:
-        return STICK, (0.0, 0.0), jammed
-    return SLIP, (found.s_end[0] / tau, found.s_end[1] / (tau * law.radius)), jammed
+        return STICK, (0.0, 0.0)
+    return SLIP, (found.s_end[0] / tau, found.s_end[1] / (tau * law.radius))

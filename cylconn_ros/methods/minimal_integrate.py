@@ -10,32 +10,16 @@ from cylconn_ros.core.compiled import entry_that_allocates, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.methods import minimal_motion as motion
 from cylconn_ros.methods import minimal_place as at
-from cylconn_ros.methods.minimal_forces import Sides
 from cylconn_ros.methods.minimal_impacts import bring_to_rest, impact
-from cylconn_ros.methods.minimal_motion import (
-    error,
-    located,
-    note,
-    nudged,
-    rates_at,
-    settled,
-    size_of,
-    slowest,
-    step,
-    watch,
-)
+from cylconn_ros.methods.minimal_motion import located, note, nudged, settled, slowest, watch
+from cylconn_ros.methods.minimal_rates import SLIPPED, rates_at, size_of
+from cylconn_ros.methods.minimal_steps import State, ahead, step
 from cylconn_ros.methods.minimal_tableau import STAGES
 
-SMALLEST: Final = 1e-14  # s, of a step that still has a finite force: below it is a jam
-
-
-class State(NamedTuple):
-    """Which equations hold."""
-
-    stuck: bool
-    sides: Sides
-    locked: bool
-    jammed: bool
+# A step of h strains the explicit method where h times the stiffness is beyond its stability.
+STRAINED: Final = 3.0
+PATIENCE: Final = 5  # strained steps in a row before it gives way to the implicit one
+RELAXED: Final = 1.5  # and when it comes back
 
 
 class Ran(NamedTuple):
@@ -54,12 +38,12 @@ def begun(
     left: float,
 ) -> tuple[float, State]:  # fmt: skip
     """Find the equations that hold from t on; from rest into slip, make its first instant."""
-    stuck, sides, a, jammed = settled(par, joint, t, y, locked, was_stick)
+    stuck, sides, a = settled(par, joint, t, y, locked, was_stick)
     taken = 0.0
     friction = model.law(par).on
     if friction and not stuck and y[at.SLIDE] == 0.0 and y[at.SPIN] == 0.0:
         taken = nudged(par, joint, t, y, a, sides, k, left)
-    return taken, State(stuck, sides, locked, jammed)
+    return taken, State(stuck, sides, locked, False)
 
 
 @jit
@@ -126,7 +110,7 @@ def _rest(
     y[at.SLIDE] = y[at.SPIN] = 0.0
     for j in range(at.A_COM, y.shape[0]):
         y[j] += h * k[j]
-    y[size_of(joint) + motion.SLIPPED] -= 0.5 * h * i.slip
+    y[size_of(joint) + SLIPPED] -= 0.5 * h * i.slip
     return h
 
 
@@ -141,34 +125,9 @@ def _slowing(par: Array, i: motion.Instant, y: Array) -> float:
 
 
 @jit
-def _ahead(
-    par: Array, joint: Array, t: float, y: Array, h: float, s: State, tolerance: float,
-    before: tuple[float, float], k: Array, new: Array,
-) -> tuple[float, float, float, int]:  # fmt: skip
-    """A step of at most h within tolerance into ``new``.
-
-    Returns its length (0 where no step has a finite force), the next one's, its error, how often
-    it was tried. ``before`` (length and error of the last step, 0: none) tells the trend: towards
-    rest each step is shorter than the last (Gustafsson's predictive controller).
-    """
-    n, tries = size_of(joint), 0
-    while h >= SMALLEST:
-        tries += 1
-        finite = step(par, joint, t, y, h, s.stuck, s.sides, k, new)
-        e = error(y, new, k, h, n, tolerance) if finite else math.inf
-        if e <= 1.0:
-            grown = min(10.0, 0.9 * e**-0.125) if e > 0.0 else 10.0
-            if before[0] > 0.0 and before[1] > 0.0 and e > 0.0:
-                grown = min(grown, 0.9 * h / before[0] * (before[1] / e) ** 0.125 * e**-0.125)
-            return h, h * max(grown, 0.2), e, tries
-        h *= max(0.2, 0.9 * e**-0.125) if e < math.inf else 0.2
-    return 0.0, h, math.inf, tries
-
-
-@jit
 def _first_event(
-    par: Array, joint: Array, t: float, y: Array, h: float, s: State, passing: float, k: Array,
-    new: Array, before: Array, seen: Array,
+    par: Array, joint: Array, t: float, y: Array, h: float, s: State, slip: float, passing: float,
+    k: Array, new: Array, system: Array, before: Array, seen: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Of the events that have happened after h, the first, and when; ``new`` is brought there."""
     event, least, ended = 0, math.inf, seen.copy()
@@ -176,12 +135,11 @@ def _first_event(
         if ended[c] < 0.0:
             seen[c] = ended[c]
             taken = located(
-                par, joint, t, y, h, s.stuck, s.sides, s.locked, passing, c, k, new, before, seen,
-                k[STAGES],
+                par, joint, t, y, h, s, slip, passing, c, k, new, system, before, seen
             )  # fmt: skip
             if taken < least:
                 event, least = c, taken
-    step(par, joint, t, y, least, s.stuck, s.sides, k, new)
+    step(par, joint, t, y, least, s, slip, k, new, system)
     return event, least
 
 
@@ -199,12 +157,12 @@ def integrate(
         was_stick: whether it sticks up to t, which decides between several solutions.
         log: (events, 5) for events, ``count`` of which are in it. most: steps to take at most.
     """
-    k = np.zeros((STAGES + 1, y.shape[0]))
+    k, system = np.zeros((STAGES + 1, y.shape[0])), np.zeros((6, 7))
     new, seen, before = np.zeros(y.shape[0]), np.zeros(motion.WATCHED), np.zeros(motion.WATCHED)
     taken, s = begun(par, joint, t, y, k[0], locked, was_stick, end - t)
     t += taken
     i = rates_at(par, joint, t, y, s.stuck, s.sides, k[0])
-    h, trend, greatest, evaluations = first, (0.0, 0.0), 0.0, 0
+    h, trend, greatest, strained, evaluations = first, (0.0, 0.0), 0.0, 0, 0
     rest = max(motion.REST, 0.01 * math.sqrt(tolerance))
     for _ in range(most):
         if not t < end:
@@ -220,23 +178,34 @@ def integrate(
             kind = motion.RESTS
         else:
             passing = _passing(par, y, s.locked)
-            watch(par, i, y, s.stuck, s.sides, s.locked, passing, before)
+            watch(par, i, y, s, passing, before)
             longest = min(_longest(par, joint, i, y, s, slowing), end - t)
             h = longest if s.stuck else min(h, longest)
-            h, grown, e, tries = _ahead(par, joint, t, y, h, s, tolerance, trend, k, new)
-            evaluations += tries * STAGES
+            slip, strain = i.slip, i.stiffness
+            tried = ahead(par, joint, t, y, h, s, slip, tolerance, trend, k, new, system)
+            h = tried.h
+            evaluations += tried.evaluations
+            if h == 0.0 and s.stiff:  # did not converge: go on explicitly
+                s = State(s.stuck, s.sides, s.locked, False)
+                h, strained = 3.0 / strain, -100
+                continue
             if h == 0.0:
                 kind = motion.JAMS
             else:
                 i = rates_at(par, joint, t + h, new, s.stuck, s.sides, k[STAGES])
                 event, last = -1, h >= end - t
-                if watch(par, i, new, s.stuck, s.sides, s.locked, passing, seen) > 0:
-                    event, h = _first_event(par, joint, t, y, h, s, passing, k, new, before, seen)
+                if watch(par, i, new, s, passing, seen) > 0:
+                    event, h = _first_event(
+                        par, joint, t, y, h, s, slip, passing, k, new, system, before, seen
+                    )
                     last = False
                 y[:] = new
                 k[0] = k[STAGES]
                 t = end if last else t + h
-                h, trend = grown, (h, e)
+                strained = strained + 1 if strain * h > STRAINED else min(strained, 0)
+                if s.stiff != (strained >= PATIENCE if not s.stiff else strain * h > RELAXED):
+                    s = State(s.stuck, s.sides, s.locked, not s.stiff)
+                h, trend = tried.next, (h, tried.error)
                 if event >= 0:
                     locks, kind, restitution = _struck(par, joint, t, y, event, s)
         if kind != 0:
@@ -248,5 +217,6 @@ def integrate(
             count = note(log, count, t, kind, y, restitution)
             t += taken
             h, trend, greatest = (10.0 * taken if taken > 0.0 else h), (0.0, 0.0), 0.0
+            strained = 0
             i = rates_at(par, joint, t, y, s.stuck, s.sides, k[0])
     return Ran(t, s, count, evaluations, False)

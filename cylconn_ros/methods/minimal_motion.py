@@ -1,7 +1,7 @@
-"""The motion in the scene's own coordinates: DOP853 on smooth pieces, events between them.
+"""What can happen on the way of the coordinates, when, and which equations hold from then on.
 
-Behind the coordinates stand six integrals: |s|, FN, f1f, m1f, f1, m1 over time. Steps end where
-something happens, found on the step itself at a shorter length, to the last digit of time:
+Steps end where something happens, found on the step itself at a shorter length, to the last digit
+of time:
 
     rest        |s| runs to zero along steps that shrink with it; the last 1e-8 is a straight line
     breakaway   what stick needs exceeds what it may
@@ -11,24 +11,17 @@ something happens, found on the step itself at a shorter length, to the last dig
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 from cylconn_ros.core import model
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.layout import STICK
-from cylconn_ros.core.vectors import add, cross, norm, scale
+from cylconn_ros.core.vectors import norm
 from cylconn_ros.methods import minimal_place as at
 from cylconn_ros.methods.minimal_forces import Instant, Sides, from_rest, instant
-from cylconn_ros.methods.minimal_place import acceleration, wrench_on_b
-from cylconn_ros.methods.minimal_tableau import E3, E5, STAGES, A, B, C
-
-# integrals behind the coordinates
-SLIPPED: Final = 0
-NORMAL: Final = 1
-FRICTION: Final = 2  # f1f, m1f
-TOTAL: Final = 4  # f1, m1
-INTEGRALS: Final = 6
+from cylconn_ros.methods.minimal_rates import rates_at
+from cylconn_ros.methods.minimal_steps import State, step
 
 # kinds of events; a row of the log: time, kind, length, angle, restitution
 RESTS: Final = 1
@@ -42,7 +35,7 @@ LOG: Final = 5
 
 REST = 1e-8  # of the greatest slip rate since it began
 SHARE = 0.9  # of the time to rest that a step may take
-NUDGE = 1e-9  # s, from rest to a slip that has a direction
+NUDGE = 1e-8  # s, from rest to a slip that has a direction
 CLOSED = 1e-12  # m or rad, of a gap
 SLOW = 1e-10  # m/s or rad/s: an impact as slow does not bounce
 
@@ -54,117 +47,21 @@ LOCK_FORCE: Final = 6
 WATCHED: Final = 7
 
 
-class Ran(NamedTuple):
-    """How an integration went."""
-
-    t: float
-    stuck: bool
-    sides: Sides
-    locked: bool
-    events: int
-    evaluations: int
-    complete: bool  # False: too many steps
-
-
 @jit
-def size_of(joint: Array) -> int:
-    """Number of coordinates."""
-    return 17 if joint[at.MODE] == at.BOTH_FREE else 4
-
-
-@jit
-def rates_at(
-    par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
-) -> Instant:
-    """dy/dt into ``k``."""
-    i = instant(par, joint, t, y, stuck, sides)
-    k[at.LENGTH], k[at.ANGLE] = y[at.SLIDE], y[at.SPIN]
-    k[at.SLIDE], k[at.SPIN] = i.acceleration
-    n = 4
-    if joint[at.MODE] == at.BOTH_FREE:
-        n = 17
-        a = i.place.a
-        x, y_, z, w = a.orientation
-        sx, sy, sz = a.spin
-        model.put(k, at.A_COM, a.velocity)
-        k[at.A_TURN] = 0.5 * (sx * w + sy * z - sz * y_)
-        k[at.A_TURN + 1] = 0.5 * (sy * w + sz * x - sx * z)
-        k[at.A_TURN + 2] = 0.5 * (sz * w + sx * y_ - sy * x)
-        k[at.A_TURN + 3] = -0.5 * (sx * x + sy * y_ + sz * z)
-        force, moment = wrench_on_b(i.place, i.total, i.constraint)
-        torque = add(cross(i.place.frame.arm_a, force), moment)
-        body = model.body(par, model.BODY_A)
-        va, wa = acceleration(par, joint, body, a, 0, scale(-1.0, force), scale(-1.0, torque))
-        model.put(k, at.A_VELOCITY, va)
-        model.put(k, at.A_SPIN, wa)
-    k[n], k[n + 1] = i.slip, i.normal
-    k[n + 2], k[n + 3] = i.friction
-    k[n + 4], k[n + 5] = i.total
-    return i
-
-
-@jit
-def step(
-    par: Array, joint: Array, t: float, y: Array, h: float, stuck: bool, sides: Sides,
-    k: Array, new: Array,
-) -> bool:  # fmt: skip
-    """One step into ``new`` (k[0]: the rates at its start); whether its force stayed finite."""
-    size = y.shape[0]
-    row = 0
-    for stage in range(1, STAGES):
-        row += stage - 1
-        new[:] = y
-        for j in range(stage):
-            share = h * A[row + j]
-            if share != 0.0:
-                for i in range(size):
-                    new[i] += share * k[j, i]
-        if rates_at(par, joint, t + C[stage] * h, new, stuck, sides, k[stage]).jammed:
-            return False
-    new[:] = y
-    for j in range(STAGES):
-        share = h * B[j]
-        if share != 0.0:
-            for i in range(size):
-                new[i] += share * k[j, i]
-    return True
-
-
-@jit
-def error(y: Array, new: Array, k: Array, h: float, n: int, tolerance: float) -> float:
-    """The estimated error of a step over what is allowed: Hairer's mixture of orders 5 and 3."""
-    fifth, third = 0.0, 0.0
-    for i in range(n):
-        e5, e3 = 0.0, 0.0
-        for j in range(STAGES):
-            e5 += E5[j] * k[j, i]
-            e3 += E3[j] * k[j, i]
-        allowed = tolerance * (0.1 + max(abs(y[i]), abs(new[i])))
-        fifth += (e5 / allowed) ** 2
-        third += (e3 / allowed) ** 2
-    if fifth == 0.0:
-        return 0.0
-    return abs(h) * fifth / math.sqrt((fifth + 0.01 * third) * n)
-
-
-@jit
-def watch(
-    par: Array, i: Instant, y: Array, stuck: bool, sides: Sides, locked: bool, passing: float,
-    seen: Array,
-) -> int:  # fmt: skip
+def watch(par: Array, i: Instant, y: Array, s: State, passing: float, seen: Array) -> int:
     """Fill ``seen``: each event's function, negative once it has happened; how many have."""
     for k in range(2):
         x = y[at.LENGTH + k]
         low = GAPS + 2 * k
         seen[low] = seen[low + 1] = math.inf
-        if sides[k] == 0:
+        if s.sides[k] == 0:
             seen[low] = x - par[model.STOPS + 2 * k]
             seen[low + 1] = par[model.STOPS + 2 * k + 1] - x
-        elif sides[k] != 2:
-            seen[low] = 1e-12 * abs(i.total[k]) - sides[k] * i.reaction[k]
-    seen[STICKS] = i.limit * (1.0 + 1e-12) - i.traction if stuck else math.inf
+        elif s.sides[k] != 2:
+            seen[low] = 1e-12 * abs(i.total[k]) - s.sides[k] * i.reaction[k]
+    seen[STICKS] = i.limit * (1.0 + 1e-12) - i.traction if s.stuck else math.inf
     seen[LOCK_AT] = seen[LOCK_FORCE] = math.inf
-    if par[model.LOCK] != 0.0 and not locked:
+    if par[model.LOCK] != 0.0 and not s.locked:
         k = int(par[model.LOCK]) - 1
         if passing != 0.0:
             seen[LOCK_AT] = passing * (y[at.LENGTH + k] - par[model.LOCK + 1])
@@ -179,11 +76,10 @@ def watch(
 
 @jit
 def located(
-    par: Array, joint: Array, t: float, y: Array, high: float, stuck: bool, sides: Sides,
-    locked: bool, passing: float, event: int, k: Array, new: Array, start: Array, end: Array,
-    last: Array,
+    par: Array, joint: Array, t: float, y: Array, high: float, s: State, slip: float,
+    passing: float, event: int, k: Array, new: Array, system: Array, start: Array, end: Array,
 ) -> float:  # fmt: skip
-    """The step at whose end ``event`` has just happened (Illinois, and halving); into ``new``."""
+    """The step at whose end ``event`` has just happened, by Illinois' method and halving."""
     low, g_low, g_high = 0.0, max(start[event], 0.0), end[event]
     for count in range(100):
         if high - low <= 2e-16 * (abs(t) + high) or g_high == 0.0:
@@ -193,9 +89,9 @@ def located(
             h = high - g_high * (high - low) / (g_high - g_low)
             if not low < h < high:
                 h = 0.5 * (low + high)
-        step(par, joint, t, y, h, stuck, sides, k, new)
-        i = rates_at(par, joint, t + h, new, stuck, sides, last)
-        watch(par, i, new, stuck, sides, locked, passing, end)
+        step(par, joint, t, y, h, s, slip, k, new, system)
+        i = rates_at(par, joint, t + h, new, s.stuck, s.sides, k[k.shape[0] - 1])
+        watch(par, i, new, s, passing, end)
         g = end[event]
         if g < 0.0:
             high, g_high = h, g
@@ -203,7 +99,6 @@ def located(
         else:
             low, g_low = h, g
             g_high *= 0.5
-    step(par, joint, t, y, high, stuck, sides, k, new)
     return high
 
 
@@ -224,14 +119,14 @@ def _candidates(par: Array, y: Array, k: int, locked: bool) -> int:
 @jit
 def settled(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
-) -> tuple[bool, Sides, tuple[float, float], bool]:
-    """Which stops hold and whether it sticks; from rest, the accelerations; whether it is jammed.
+) -> tuple[bool, Sides, tuple[float, float]]:
+    """Whether it sticks, which stops hold, and with what accelerations it goes on.
 
     A stop rests on nothing where friction holds it; it holds with a reaction that pushes.
     """
     c1, c2 = _candidates(par, y, 0, locked), _candidates(par, y, 1, locked)
     at_rest = y[at.SLIDE] == 0.0 and y[at.SPIN] == 0.0
-    stuck, sides, a, jammed = False, (c1, c2), (0.0, 0.0), False
+    stuck, sides, a = False, (c1, c2), (0.0, 0.0)
     for choice in range(4):
         s1, s2 = (c1 if choice % 2 == 1 else 0), (c2 if choice >= 2 else 0)
         if (c1 == 2 and s1 == 0) or (c2 == 2 and s2 == 0):
@@ -239,9 +134,9 @@ def settled(
         if (choice % 2 == 1 and c1 == 0) or (choice >= 2 and c2 == 0):
             continue
         sides = (s1, s2)
-        stuck, jammed = False, False
+        stuck = False
         if at_rest:
-            regime, a, jammed = from_rest(par, joint, t, y, sides, was_stick)
+            regime, a = from_rest(par, joint, t, y, sides, was_stick)
             stuck = regime == STICK
         i = instant(par, joint, t, y, stuck, sides)
         if not at_rest:
@@ -255,7 +150,7 @@ def settled(
                 fits = fits and not into_stop
         if fits:
             break
-    return stuck, sides, a, jammed
+    return stuck, sides, a
 
 
 @jit

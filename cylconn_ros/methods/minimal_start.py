@@ -35,7 +35,7 @@ def _put_motion(a: Array, first: int, m: Motion) -> None:
 def start(
     par: Array, mem: Array, sample: Array, o: Observed, hold_torque: bool, joint: Array, y: Array
 ) -> None:
-    """Fill ``joint`` (NJOINT,) and the coordinates of ``y``; what violates the constraint is dropped.
+    """Fill ``joint`` (NJOINT,) and the coordinates of ``y``, without what violates the constraint.
 
     ``hold_torque``: the loads' torques about the mass centres stay as they are in this sample (a
     held wrench), instead of turning with the body.

@@ -14,11 +14,13 @@ IMPULSE: Final = 0
 PENALTY: Final = 1
 AUGMENTED_LAGRANGIAN: Final = 2
 BAUMGARTE: Final = 3
+MINIMAL: Final = 4
 NAMES: Final[dict[str, int]] = {
     "impulse": IMPULSE,
     "penalty": PENALTY,
     "augmented_lagrangian": AUGMENTED_LAGRANGIAN,
     "baumgarte": BAUMGARTE,
+    "minimal": MINIMAL,
 }
 
 
@@ -30,35 +32,19 @@ def _nothing(out: Array, status: int) -> None:
     out[out_at.STATUS] = status
 
 
-@entry
-def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
-    """Answer one sample.
-
-    Args:
-        method: one of NAMES.
-        par: the scene in numbers. mem: (NMEM,) what is remembered, advanced.
-        sample: (NSAMPLE,) see core/layout.py. h: the period the wrench will be held, s.
-        out: (NOUT,) the answer.
-
-    Returns the status: OK, or why the wrench is zero. A sample that cannot be used leaves ``mem``
-    as it was.
-    """
+@inline
+def begun(sample: Array, h: float, out: Array) -> int:
+    """Whether a sample can be answered: OK with ``out`` empty, or why the wrench is zero."""
     status = status_of(sample)
     if status == out_at.OK and not h > 0.0:
         status = out_at.NO_PERIOD
-    if status != out_at.OK:
-        _nothing(out, status)
-        return status
-    for k in range(out_at.NOUT):  # what a method leaves out is zero, whatever stood there
-        out[k] = 0.0
-    if method == IMPULSE:
-        flags = impulse.step(par, mem, sample, h, out)
-    elif method == PENALTY:
-        flags = penalty.step(par, mem, sample, h, out)
-    elif method == AUGMENTED_LAGRANGIAN:
-        flags = augmented_lagrangian.step(par, mem, sample, h, out)
-    else:
-        flags = baumgarte.step(par, mem, sample, h, out)
+    _nothing(out, status)  # what a method leaves out is zero, whatever stood there
+    return status
+
+
+@inline
+def ended(mem: Array, h: float, flags: int, out: Array) -> int:
+    """Close an answer: its status, which is not OK where a wrench is not finite."""
     out[out_at.FLAGS] = flags
     mem[model.LAST_PERIOD] = h
     for k in range(out_at.STATE0):
@@ -68,6 +54,33 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
                 mem[i] = 0.0
             return out_at.NOT_FINITE
     return out_at.OK
+
+
+@entry
+def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """Answer one sample.
+
+    Args:
+        method: one of NAMES but MINIMAL, which has its own entry (methods/minimal_step.py).
+        par: the scene in numbers. mem: (NMEM,) what is remembered, advanced.
+        sample: (NSAMPLE,) see core/layout.py. h: the period the wrench will be held, s.
+        out: (NOUT,) the answer.
+
+    Returns the status: OK, or why the wrench is zero. A sample that cannot be used leaves ``mem``
+    as it was.
+    """
+    status = begun(sample, h, out)
+    if status != out_at.OK:
+        return status
+    if method == IMPULSE:
+        flags = impulse.step(par, mem, sample, h, out)
+    elif method == PENALTY:
+        flags = penalty.step(par, mem, sample, h, out)
+    elif method == AUGMENTED_LAGRANGIAN:
+        flags = augmented_lagrangian.step(par, mem, sample, h, out)
+    else:
+        flags = baumgarte.step(par, mem, sample, h, out)
+    return ended(mem, h, flags, out)
 
 
 @entry

@@ -1,0 +1,26 @@
+"""The compiled step of ``minimal``, with the signature of methods/step.py.
+
+An entry of its own: an integrator makes arrays and takes long to compile, which the users of the
+other methods are not to wait for.
+"""
+
+from cylconn_ros.core.compiled import entry_that_allocates
+from cylconn_ros.core.friction import Array
+from cylconn_ros.methods import minimal
+from cylconn_ros.methods.step import begun, ended
+
+
+@entry_that_allocates
+def step(_method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """Answer one sample: see :func:`cylconn_ros.methods.step.step`."""
+    status = begun(sample, h, out)
+    if status != 0:
+        return status
+    return ended(mem, h, minimal.step(par, mem, sample, h, out), out)
+
+
+@entry_that_allocates
+def run(method: int, par: Array, mem: Array, samples: Array, h: float, outs: Array) -> None:
+    """Answer (N, NSAMPLE) samples in order into (N, NOUT)."""
+    for k in range(samples.shape[0]):
+        step(method, par, mem, samples[k], h, outs[k])
