@@ -87,14 +87,22 @@ def test_scipy_reaches_the_closed_form() -> None:
         slide_and_spin(bundled("demo"), 1e-6)
 
 
+def test_minimal_prepared_is_minimal_solved() -> None:
+    scene = bundled("slide_and_spin")
+    prepared = minimal.Prepared(scene, 0.7, 1e-8)
+    for _ in range(2):  # from the start each time
+        prepared()
+        np.testing.assert_array_equal(prepared.rows, minimal.solve(scene, 0.7, 1e-8).rows)
+
+
 # --- methods are set up as a user would ---
 
 
 def test_every_method_survives_its_set_up() -> None:
     for problem in handful(bundled):
         for method in methods.available():
-            scene = methods.served_by(methods.with_period(problem.scene, 1e-3), method)
-            errors = problem.errors(simulate(scene, round(problem.duration * 1e3) + 1))
+            scene = methods.served_by(methods.with_period(problem.scene, 2e-3), method)
+            errors = problem.errors(simulate(scene, round(problem.duration / 2e-3) + 1))
             sizes = [size for size, _ in errors.values() if not math.isnan(size)]
             assert sizes, (problem.name, method)
             assert max(sizes) < orders.LOST, (problem.name, method)
