@@ -17,6 +17,7 @@ from cylconn_ros.bench import (
     frames,
     kernel,
     methods,
+    minimal,
     orders,
     report,
     timing,
