@@ -239,3 +239,55 @@ def test_imposed_force_acts_and_imposed_motion_is_refused() -> None:
     assert out[layout.FORCE] == out[layout.FORCE_ACTUATION] == 3.0
     with pytest.raises(ValueError, match="spin: the method baumgarte has no imposed motion"):
         connector.impose("spin", velocity=1.0)
+
+
+def test_random_extremes_keep_the_laws() -> None:
+    """Finite, within the disc and against the slip, whatever the scales."""
+    rng = np.random.default_rng(7)
+    jammed = relieved = 0
+    for k in range(200):
+        mass = 10.0 ** rng.uniform(-3, 3)
+        friction = {
+            "coefficient": 10.0 ** rng.uniform(-2, 1),
+            "radius": 10.0 ** rng.uniform(-5, 0),
+            "overlap": 10.0 ** rng.uniform(-5, 0),
+            "preload": float(rng.choice([-1.0, 0.0, 1.0])) * 10.0 ** rng.uniform(-3, 4),
+        }
+        if k % 5 == 0:
+            friction |= {"max_force": 10.0 ** rng.uniform(-3, 3)}
+        scene = sleeve(
+            mass=mass,
+            com=(rng.normal(), rng.normal(), rng.normal()),
+            friction=friction,
+            period=10.0 ** rng.uniform(-4, -1),
+            method="baumgarte",
+            reference={"offsets": "zero"},
+        )
+        samples = rng.normal(size=(20, layout.NSAMPLE))
+        samples[:, 20:26] *= 10.0 ** rng.uniform(-6, 3)
+        samples[:, layout.LOADS] *= 10.0 ** rng.uniform(-6, 4)
+        outs = Connector(scene).run(samples)
+        assert np.isfinite(outs).all()
+        traction, limit = outs[:, layout.TRACTION], outs[:, layout.FRICTION_LIMIT]
+        assert np.all(traction <= limit * (1.0 + 1e-12))
+        slip = outs[:, layout.SLIP_VELOCITY : layout.SLIP_VELOCITY + 2]
+        phi = outs[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]] / [1.0, friction["radius"]]
+        power = (phi * slip).sum(axis=1)
+        assert np.all(power <= 1e-12 * traction * np.hypot(*slip.T))
+        assert outs[:, layout.RESIDUAL].max() < 1e-9
+        jammed += int(((outs[:, layout.FLAGS].astype(int) & JAMMED) != 0).sum())
+        pressed = outs[:, layout.RADIAL_FORCE] + outs[:, layout.BENDING_FORCE]
+        relieved += int((pressed + friction["preload"] < 0.0).sum())
+    assert min(jammed, relieved) > 50
+
+
+@pytest.mark.parametrize("preload", [5.0, -30.0])
+def test_a_table_over_the_force_and_a_constant_agree(preload: float) -> None:
+    """The search by greatest slopes against Newton's method."""
+    law = {"radius": 0.02, "overlap": 0.1, "preload": preload}
+    flat = {"rates": [0.0], "forces": [0.0, 1.0], "values": [0.3, 0.3 + 1e-13]}
+    outs = [
+        run(textbook(sleeve(com=(0.0, 0.01, 0.04), v=0.5, spin=9.0, friction=f)), 0.05).outs
+        for f in ({**law, "coefficient": 0.3}, {**law, "table": flat})
+    ]
+    np.testing.assert_allclose(outs[1][:, :-1], outs[0][:, :-1], rtol=1e-9, atol=1e-9)

@@ -10,11 +10,12 @@ Seen from outside, unstable gains make energy. Over a window of samples
     A = sum (f - lambda0) . de + k/2 (|e|^2 - |e0|^2)
 
 is the work that the constraint did on the bodies beyond that of its steady force lambda0, plus
-what its spring gained: not positive where the gains are passive, but for a changing load. Where A
-exceeds 1 % of the energy exchanged while the spring's energy peaks higher than in the last window,
-the multiplier's gain is halved, and once that is small the stiffness. Friction takes no part in A:
-its loss would hide the constraint's gain. A rate that is reversed and grows from one sample to the
-next is the sign of c > 2 m/h: as it grows by |1 - c h/m|, both gains are set to make c h/m = 1.
+what its spring gained: not positive where the gains are passive, but for a multiplier that follows
+a changing load. Where A exceeds 1 % of the energy exchanged and the spring's energy peaks at four
+times that of the quietest window before, the multiplier's gain is lowered to a quarter, and once
+that is small the stiffness. Friction takes no part in A: its loss would hide the constraint's gain.
+A rate that is reversed and grows from one sample to the next is the sign of c > 2 m/h: as it grows
+by |1 - c h/m|, both gains are set to make c h/m = 1.
 """
 
 import math
@@ -29,6 +30,7 @@ Two = tuple[float, float]
 WINDOW = 64  # samples
 SHORTEST = 8  # samples, of a window that ends early as energy grows fast
 SMALL_SHARE = 1e-3  # of the gain asked for: below it the multiplier is not at fault
+GROWN = 4.0  # times the energy of the quietest window
 LEAST_ERROR = 1e-9  # m or rad: growth below it is rounding
 
 # One guard's stretch of MEM; all zero at the start.
@@ -40,7 +42,7 @@ EXCHANGED = 4  # J
 STEADY = 5  # 2: the multiplier at the window's start
 STORED = 7  # J, in the spring at the window's start
 PEAK = 8  # J, in the spring since
-LAST_PEAK = 9  # J, in the window before
+QUIET = 9  # J, the least peak of a window since gains were lowered; 0: no window yet
 SAMPLES = 10  # in the window so far
 REVERSALS = 11  # in a row, each greater than the last
 FORCE = 12  # 2: of the last answer
@@ -89,7 +91,7 @@ def watch(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> Non
         mem[at + SAMPLES] += 1.0
         _reversed(mem, at, w)
         balance = mem[at + ACCOUNT] + stored - mem[at + STORED]
-        grown = balance > 4.0 * mem[at + LAST_PEAK] and mem[at + LAST_PEAK] > 0.0
+        grown = balance > GROWN * mem[at + QUIET] > 0.0
         samples = mem[at + SAMPLES]
         if samples >= WINDOW or (samples >= SHORTEST and grown):
             _judge(mem, at, g, balance)
@@ -102,15 +104,17 @@ def watch(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> Non
 
 @jit
 def _judge(mem: Array, at: int, g: Gains, balance: float) -> None:
-    """Lower a gain if the window made energy and ended higher than the one before."""
-    peak, last = mem[at + PEAK], mem[at + LAST_PEAK]
+    """Lower a gain if the window made energy and has grown beyond the quietest one."""
+    peak, quiet = mem[at + PEAK], mem[at + QUIET]
     seen = peak > 0.5 * g.k * LEAST_ERROR * LEAST_ERROR
-    if not (seen and peak > last > 0.0 and balance > 0.01 * mem[at + EXCHANGED]):
-        return
-    if math.exp(-mem[at + RATIO]) > SMALL_SHARE:
-        mem[at + RATIO] += math.log(2.0)
-    else:
-        mem[at + STIFFNESS] += math.log(2.0)
+    if quiet == 0.0 or peak < quiet:
+        mem[at + QUIET] = peak
+    elif seen and peak > GROWN * quiet and balance > 0.01 * mem[at + EXCHANGED]:
+        mem[at + QUIET] = peak
+        if math.exp(-mem[at + RATIO]) > SMALL_SHARE:
+            mem[at + RATIO] += math.log(4.0)
+        else:
+            mem[at + STIFFNESS] += math.log(2.0)
 
 
 @jit
@@ -133,7 +137,6 @@ def _reversed(mem: Array, at: int, w: Two) -> None:
 @jit
 def _open(mem: Array, at: int, stored: float, multiplier: Two) -> None:
     """Begin a window."""
-    mem[at + LAST_PEAK] = mem[at + PEAK]
     mem[at + PEAK] = 0.0
     mem[at + STORED] = stored
     mem[at + STEADY], mem[at + STEADY + 1] = multiplier
