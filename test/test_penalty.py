@@ -103,7 +103,10 @@ def test_swings_need_an_arm_or_a_stiffness() -> None:
 
 
 def test_stops_locks_and_imposed_motion_are_springs_too() -> None:
-    still: dict[str, Any] = {"gravity": [0.0, 0.0, 0.0], "friction": {**FRICTION, "coefficient": 0.0}}
+    still: dict[str, Any] = {
+        "gravity": [0.0, 0.0, 0.0],
+        "friction": {**FRICTION, "coefficient": 0.0},
+    }
     stopped = run(unknown(sleeve(v=1.0, stops={"l_max": 0.25}, **still)), 0.5)
     assert stopped.state("length").max() < 0.26
     assert stopped.state("velocity")[-1, 0] <= 1e-9
