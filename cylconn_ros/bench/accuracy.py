@@ -41,16 +41,15 @@ def slide_and_spin(settings: Settings) -> Findings:
         rtol = 10.0 ** (-0.5 * k)
         trials += _coast(scene, rtol, distance)
     sizes = work.errors(trials)
+    reaching = [trial for trial in trials if sizes[trial.name][ERROR][0] <= SMALL]
+    seconds = work.times(reaching, settings)
     best: dict[str, Trial] = {}
-    for contestant in dict.fromkeys(trial.contestant for trial in trials):
-        own = [trial for trial in trials if trial.contestant == contestant]
-        reaching = [trial for trial in own if sizes[trial.name][ERROR][0] <= SMALL]
-        if not reaching:
+    for contestant in (SCIPY, MINIMAL, WHOLE):
+        own = [trial for trial in reaching if trial.contestant == contestant]
+        if own:
+            best[contestant] = min(own, key=lambda trial: float(np.median(seconds[trial.name])))
+        else:
             found.gaps.append(Gap(COAST, contestant, "failed", f"never reaches {SMALL:g} m"))
-            continue
-        few = work.times(reaching, settings, rounds=3)
-        best[contestant] = min(reaching, key=lambda trial: float(np.median(few[trial.name])))
-    seconds = work.times([*best.values()], settings)
     found.add(work.measured(COAST, [*best.values()], sizes, seconds, scene.plant.duration))
     for ours in (MINIMAL, WHOLE):
         share = math.nan

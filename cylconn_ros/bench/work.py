@@ -50,10 +50,9 @@ def errors(trials: Sequence[Trial]) -> dict[str, Errors]:
     return found
 
 
-def times(trials: Sequence[Trial], settings: Settings, rounds: int = 0) -> dict[str, Array]:
-    """(rounds,) CPU seconds of every trial, in turns; rounds as the settings say unless given."""
-    contestants = [trial.timed() for trial in trials]
-    return take_turns(contestants, rounds or settings.rounds, settings.block)
+def times(trials: Sequence[Trial], settings: Settings) -> dict[str, Array]:
+    """(rounds,) CPU seconds of every trial, in turns."""
+    return take_turns([trial.timed() for trial in trials], settings.rounds, settings.block)
 
 
 def measured(
