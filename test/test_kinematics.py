@@ -10,6 +10,7 @@ from scenes import bundled, pair, xyzw
 from scipy.spatial.transform import Rotation
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.plant import Plant
 from cylconn_ros.core import kinematics, layout, vectors
 from cylconn_ros.core.bodies import Motion
 
@@ -163,3 +164,21 @@ def test_a_twist_that_contradicts_the_poses_is_flagged() -> None:
         sample[13] += moved
         out = connector.step(sample)
         assert int(out[layout.FLAGS]) & layout.TWIST_CONTRADICTS == expected
+
+
+def test_a_plant_that_integrates_otherwise_is_noticed() -> None:
+    """The wrong target leaves disturbances undamped; positions against velocities tell."""
+    for told, is_, flagged in (
+        ("exact", "exact", False),
+        ("exact", "semi_implicit", True),
+        ("semi_implicit", "semi_implicit", False),
+        ("semi_implicit", "exact", True),
+    ):
+        friction = {"coefficient": 0.2, "radius": 0.02}
+        scene = pair(friction=friction, plant_integration=told)
+        connector = Connector(scene)
+        plant = Plant(pair(friction=friction, plant_integration=is_))
+        for _ in range(50):
+            out = connector.step(np.concatenate([plant.state, plant.loads]))
+            plant.step(out[:6], out[6:12])
+        assert bool(int(out[layout.FLAGS]) & layout.INTEGRATION) == flagged, (told, is_)

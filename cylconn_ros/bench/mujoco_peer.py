@@ -29,9 +29,7 @@ def module() -> Any:
     try:
         return importlib.import_module("mujoco")
     except ImportError:
-        raise AbsentError(
-            "mujoco is not installed: pip install 'cylconn_ros[bench]' brings it"
-        ) from None
+        raise AbsentError("mujoco is not installed: pip install '.[bench]' brings it") from None
 
 
 class MujocoScene:

@@ -5,7 +5,7 @@
   orders   orders of convergence and costs of every method on a set of scenes
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
-pip install 'cylconn_ros[bench]'; an absent one is said to be absent. Exit code 1 where something
+pip install '.[bench]'; an absent one is said to be absent. Exit code 1 where something
 could not be measured, and with --strict where a target was missed.
 """
 

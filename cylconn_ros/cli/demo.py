@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         raise CommandError(
-            f"needs {' and '.join(missing)}: pip install 'cylconn_ros[demo]' brings what is missing"
+            f"needs {' and '.join(missing)}: pip install '.[demo]' brings what is missing"
         )
     path = scenes.find(_SCENE)
     output = _new_directory(options.output)

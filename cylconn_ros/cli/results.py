@@ -21,6 +21,7 @@ FLAGS = (
     "stopped",
     "misaligned",
     "gains lowered",
+    "plant_integration does not fit",
 )
 """Names of the bits of ConnectorState.flags, lowest first."""
 

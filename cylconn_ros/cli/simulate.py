@@ -79,7 +79,7 @@ def _compare(path: Path, result: Run) -> bool:
     try:
         judged = library.judge(path.stem, result)
     except ImportError as error:
-        print(f"            not computed: needs {error.name}, of pip install 'cylconn_ros[demo]'")
+        print(f"            not computed: needs {error.name}, of pip install '.[demo]'")
         return True
     held_to_it = result.connector.method in _ACCURATE
     lines = []
@@ -192,8 +192,6 @@ def _draw(
         )
         save_run(figure, path)
     except ImportError as error:
-        raise CommandError(
-            f"--plot needs {error.name}: pip install 'cylconn_ros[demo]' brings it"
-        ) from None
+        raise CommandError(f"--plot needs {error.name}: pip install '.[demo]' brings it") from None
     except OSError as error:
         raise CommandError(f"{path}: {error.strerror or error}") from None

@@ -70,7 +70,9 @@ ACTUATED: Final = 67  # work of those, J
 SPRING0: Final = 68  # spring energy at the reference, J
 MULTIPLIER: Final = 69  # 4, of the augmented Lagrangian: f2, f3, m2, m3
 GUARD: Final = 73  # 2 x 18, of its gains on offsets and swings: methods/guard.py
-NMEM: Final = 109
+INTEGRATED: Final = 109  # 2: misfit of positions to exact and to semi-implicit integration, m^2
+LAST_VELOCITIES: Final = 111  # of the mass centres, 2 x 3, world axes
+NMEM: Final = 117
 
 
 class Output(NamedTuple):

@@ -59,6 +59,8 @@ class Health:
     not_finite: int = 0
     bad_quaternion: int = 0
     no_period: int = 0
+    off_period: int = 0  # samples whose stamps are not a period apart
+    seen_period: float = 0.0  # s, the last of those
     failed: int = 0
     failure: str = ""
     commands: int = 0  # followed
@@ -251,6 +253,10 @@ class Answering:
         if matched.restarted:
             self.connector.reset()
         out = self.connector.step(self.matcher.sample, matched.h, self._out)
+        period = self.scene.period
+        if period > 0.0 and matched.h > 0.0 and abs(matched.h - period) > 0.01 * period:
+            self.health.off_period += 1
+            self.health.seen_period = matched.h
         out[layout.COMPUTING_TIME] = time.perf_counter() - begin
         self._answer = self._write(matched.stamp, out)
         self._examine(out)

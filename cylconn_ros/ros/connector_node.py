@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -29,7 +29,7 @@ from cylconn_ros.ros.recording import Recorder, now
 from cylconn_ros.ros.topics import Topics, check_qos_overrides
 
 USAGE = """\
-usage: connector [--ros-args --params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
+usage: connector --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
 Serve a cylindrical connector between two bodies: read their poses and twists, answer each sample
 with the wrenches on both. Needs a scene, at least node_a.orientation and the moving bodies' mass
@@ -59,6 +59,7 @@ class ConnectorNode(LifecycleNode):
         self.answering: Answering | None = None
         self._prepared: Answering | None = None
         self._topics = Topics(self, self.links)
+        self._said: dict[str, str] = {}  # what the log has last said of each part of diagnostics
         check_qos_overrides(self, parameters, scene)
         self._answered_at = 0.0
         self._history = 0  # samples answered since the connector last forgot everything
@@ -127,6 +128,11 @@ class ConnectorNode(LifecycleNode):
         stamp = self.get_clock().now().to_msg()
         report = self._monitor.report(stamp, self.answering, self.recorder, self.links)
         self._diagnostics.publish(report)
+        for status in report.status:  # the log says what is new; how often it was is in the report
+            bad = status.level != DiagnosticStatus.OK
+            if bad and self._said.get(status.name) != status.message:
+                self.get_logger().warning(f"{status.name}: {status.message}")
+            self._said[status.name] = status.message if bad else ""
 
     def caught(self, error: Exception) -> bool:
         """Count and report what a callback raised; the node goes on."""

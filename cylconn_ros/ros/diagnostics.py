@@ -27,6 +27,7 @@ _FLAGS = {
     layout.STOPPED: "stopped",
     layout.MISALIGNED: "pulling in",
     layout.GAINS_LOWERED: "gains lowered",
+    layout.INTEGRATION: "plant_integration does not fit",
 }
 _STOPS = {
     1: "length min",
@@ -42,6 +43,7 @@ _WORRYING = (
     | layout.TWIST_CONTRADICTS
     | layout.MISALIGNED
     | layout.GAINS_LOWERED
+    | layout.INTEGRATION
 )
 
 
@@ -111,6 +113,12 @@ class Monitor:
                 f"a command cannot be followed: {health.refusal}",
             ),
             (WARN, self._new("no period", health.no_period), "no time step between samples yet"),
+            (
+                WARN,
+                self._new("off period", health.off_period),
+                f"stamps are {health.seen_period:g} s apart, "
+                f"but period says {answering.scene.period:g} s",
+            ),
             (WARN, self._new("late", counts.late), "messages arrive late"),
             (WARN, self._new("incomplete", counts.incomplete), "samples stay incomplete"),
             (WARN, self._new("restarts", counts.restarts), "stamps went back: a new history"),
@@ -132,6 +140,7 @@ class Monitor:
             "non-finite": health.not_finite,
             "bad quaternion": health.bad_quaternion,
             "no period": health.no_period,
+            "off period": health.off_period,
             "undecodable": health.undecodable,
             "failed": health.failed,
             "restarts": counts.restarts,

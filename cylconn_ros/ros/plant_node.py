@@ -27,7 +27,7 @@ from cylconn_ros.ros.parameters import declare, ros_part
 from cylconn_ros.ros.plant_exchange import Exchange, PlantCounts
 
 USAGE = """\
-usage: plant [--ros-args --params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
+usage: plant --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
 Two rigid bodies standing in for a simulator: publishes their poses and twists, and moves them as
 the wrenches and constant loads (plant.body_a.load, plant.body_b.load, sent on body_a/load,
