@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.bounds import Held, Two, hold
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.disc import Solution, disc_problem, solve_disc
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
@@ -47,7 +47,7 @@ class Instant(NamedTuple):
     jammed: bool  # sliding on has no finite force
 
 
-@jit
+@inline
 def along(r: Reduced, f: float, m: float) -> Four:
     """by_f1 f + by_m1 m."""
     return (
@@ -58,13 +58,13 @@ def along(r: Reduced, f: float, m: float) -> Four:
     )
 
 
-@jit
+@inline
 def plus(a: Four, b: Four) -> Four:
     """A + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
 
 
-@jit
+@inline
 def _pressed(law: Law, b: Four, d: Four, r: float) -> tuple[float, float]:
     """Fr + Fbend + FCint of the reactions b + r d, and its derivative by r."""
     f2, f3, m2, m3 = b[0] + r * d[0], b[1] + r * d[1], b[2] + r * d[2], b[3] + r * d[3]
@@ -145,7 +145,7 @@ def _by_bounds(law: Law, par: Array, b: Four, d: Four, slip: float) -> tuple[flo
     return r, r > greatest
 
 
-@jit
+@inline
 def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
     """Spring, damper, actuation on slide and spin."""
     e = model.ELASTICITY
@@ -161,7 +161,7 @@ def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
     )
 
 
-@jit
+@inline
 def _free_of(par: Array, joint: Array, t: float, y: Array) -> tuple[Place, Reduced, Two, Two, Two]:
     """Place, and the equations with springs, dampers and actuation taken in."""
     p = place(par, joint, t, y)

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cylconn_ros.core import model
+from cylconn_ros.core.bounds import Two
 from cylconn_ros.core.compiled import entry_that_allocates, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.methods import minimal_motion as motion
@@ -57,9 +58,12 @@ def _passing(par: Array, y: Array, locked: bool) -> float:
 
 @jit
 def _struck(
-    par: Array, joint: Array, t: float, y: Array, event: int, s: State
+    par: Array, joint: Array, t: float, y: Array, event: int, s: State, a: Two
 ) -> tuple[bool, int, float]:
-    """Do what an event does: whether it is locked now, the kind of event, its restitution."""
+    """Do what an event does: whether it is locked now, the kind of event, its restitution.
+
+    ``a``: the accelerations of slide and spin, which tell how high a bounce would be.
+    """
     n = size_of(joint)
     if event == motion.STICKS:
         return s.locked, motion.BREAKS_AWAY, 0.0
@@ -74,8 +78,8 @@ def _struck(
     if s.sides[k] != 0:
         return s.locked, motion.RELEASES, 0.0
     y[at.LENGTH + k] = par[model.STOPS + event - motion.GAPS]
-    eps = par[model.STOPS + 4]
-    if eps * abs(y[at.SLIDE + k]) < motion.SLOW:
+    eps, v = par[model.STOPS + 4], y[at.SLIDE + k]
+    if v * a[k] > 0.0 and (eps * v) ** 2 < 2.0 * motion.LOW * abs(a[k]):
         eps = 0.0
     return s.locked, motion.IMPACTS, impact(par, joint, t, y, n, k, eps, s.sides)
 
@@ -90,12 +94,12 @@ def _longest(
     longest = math.inf
     if slowing > 0.0:
         longest = motion.SHARE * i.slip / slowing
-    for k in range(2):  # not over the turning point of a bounce
+    for k in range(2):  # off a stop: not over the turning point, or it would seem to have stayed
         low = y[at.LENGTH + k] - par[model.STOPS + 2 * k]
         high = par[model.STOPS + 2 * k + 1] - y[at.LENGTH + k]
         v, a = y[at.SLIDE + k], i.acceleration[k]
-        if s.sides[k] == 0 and (low < math.inf or high < math.inf) and v * a < 0.0:
-            longest = min(longest, max(0.95 * abs(v / a), motion.NUDGE))
+        if s.sides[k] == 0 and (low == 0.0 or high == 0.0) and v * a < 0.0:
+            longest = min(longest, 0.95 * abs(v / a))
     return longest
 
 
@@ -207,7 +211,7 @@ def integrate(
                     s = State(s.stuck, s.sides, s.locked, not s.stiff)
                 h, trend = tried.next, (h, tried.error)
                 if event >= 0:
-                    locks, kind, restitution = _struck(par, joint, t, y, event, s)
+                    locks, kind, restitution = _struck(par, joint, t, y, event, s, i.acceleration)
         if kind != 0:
             if kind == motion.JAMS:
                 bring_to_rest(par, joint, t, y, size_of(joint), (2, 2))

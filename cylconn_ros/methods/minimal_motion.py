@@ -37,7 +37,7 @@ REST = 1e-8  # of the greatest slip rate since it began
 SHARE = 0.9  # of the time to rest that a step may take
 NUDGE = 1e-8  # s, from rest to a slip that has a direction
 CLOSED = 1e-12  # m or rad, of a gap
-SLOW = 1e-10  # m/s or rad/s: an impact as slow does not bounce
+LOW = 1e-14  # m or rad: a bounce as low is none
 
 # events that are watched within a step
 GAPS: Final = 0  # 4: slide low, high, spin low, high; of a closed one its reaction

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.inertia import Inertia, of_body, of_both
 from cylconn_ros.core.kinematics import Frame
@@ -94,12 +94,12 @@ class Reduced(NamedTuple):
     by_m1: Four
 
 
-@jit
+@inline
 def _about_e1(angle: float) -> Quaternion:
     return (math.sin(0.5 * angle), 0.0, 0.0, math.cos(0.5 * angle))
 
 
-@jit
+@inline
 def _moved(joint: Array, t: float) -> Motion:
     """The body that moves by itself, at t."""
     at = PRESCRIBED
@@ -113,7 +113,7 @@ def _moved(joint: Array, t: float) -> Motion:
     )
 
 
-@jit
+@inline
 def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     """The bodies at time t and coordinates y."""
     nodes = model.nodes(par)
@@ -157,7 +157,7 @@ def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     return Place(a, b, Frame(axes, d, arm_a, arm_b), untwisted)
 
 
-@jit
+@inline
 def acceleration(
     par: Array, joint: Array, body: Body, m: Motion, load: int, force: Vector, torque: Vector
 ) -> tuple[Vector, Vector]:
@@ -171,7 +171,7 @@ def acceleration(
     return a, angular_acceleration(body, m.orientation, m.spin, add(torque, moment))
 
 
-@jit
+@inline
 def inertia_at(par: Array, p: Place) -> Inertia:
     """G: forces in the axes of a, moments and spins in N."""
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
@@ -187,12 +187,12 @@ def inertia_at(par: Array, p: Place) -> Inertia:
     return Inertia(g.ff, fm, tensor_in(back, g.mm))
 
 
-@jit
+@inline
 def _dot4(a: Four, b: Four) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@jit
+@inline
 def eliminated(g: Inertia, v: Vector, w: Vector) -> Reduced:
     """Reduce to slide and spin: v, w the relative accelerations (or rates) without a wrench."""
     ff, fm, mm = g.ff, g.fm, g.mm
@@ -211,7 +211,7 @@ def eliminated(g: Inertia, v: Vector, w: Vector) -> Reduced:
     )
 
 
-@jit
+@inline
 def reduced(par: Array, joint: Array, y: Array, p: Place) -> Reduced:
     """The equations of motion of slide and spin in place p."""
     none = (0.0, 0.0, 0.0)
@@ -226,7 +226,7 @@ def reduced(par: Array, joint: Array, y: Array, p: Place) -> Reduced:
     return eliminated(inertia_at(par, p), v, into(p.untwisted, w))
 
 
-@jit
+@inline
 def wrench_on_b(p: Place, x: tuple[float, float], c: Four) -> tuple[Vector, Vector]:
     """Force and moment at node b, world axes, of (f1, m1) and the constraint's f2 f3 m2 m3."""
     return (

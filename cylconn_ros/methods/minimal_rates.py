@@ -3,7 +3,7 @@
 from typing import Final
 
 from cylconn_ros.core import model
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.vectors import add, cross, scale
 from cylconn_ros.methods import minimal_place as at
@@ -18,7 +18,7 @@ TOTAL: Final = 4  # f1, m1
 INTEGRALS: Final = 6
 
 
-@jit
+@inline
 def size_of(joint: Array) -> int:
     """Number of coordinates."""
     return 17 if joint[at.MODE] == at.BOTH_FREE else 4
