@@ -57,9 +57,13 @@ def run(options: argparse.Namespace) -> int:
     begin = time.monotonic()
     if options.recording is not None:
         return _recorded(options)
+    from cylconn_ros.laws import checks
     from cylconn_ros.laws.tally import Tally
 
-    tally, verdict, fits = Tally(), None, []
+    if options.method not in checks.CLAIMED:
+        known = ", ".join(checks.CLAIMED)
+        raise CommandError(f"--method {options.method}: laws are stated for {known}")
+    tally, fits = Tally(), []
     with Progress("laws") as bar:
         bar.note("preparing (the first run compiles the physics)")
         verdict = _samples(options, tally, bar)
@@ -71,12 +75,14 @@ def run(options: argparse.Namespace) -> int:
     drawn = f"{tally.samples} samples, seed {options.seed}, {time.monotonic() - begin:.0f} s"
     print(f"method {options.method}: {drawn}\n")
     print("\n".join([*_laws(tally), *_regimes(tally), *_roots(verdict), *_orders(fits)]))
-    well = tally.holds and all(fit.holds for fit in fits) and (verdict is None or not verdict.wrong)
+    off = [letter for letter, law in tally.laws.items() if not law.holds]
+    off += ["roots"] if verdict is not None and verdict.wrong else []
+    off += ["O"] if not all(fit.holds for fit in fits) else []
     few = tally.scarce() if tally.samples >= _ENOUGH else []
     if few:
-        print(f"\ntoo few samples (less than 1 %) in regime {', '.join(few)}")
-    print(_next(options, tally, well and not few))
-    return 0 if well and not few else 1
+        print(f"\nless than 1 % of the samples in regime {', '.join(few)}: nothing is proven there")
+    print(_next(options, tally, verdict, off))
+    return 1 if off or few else 0
 
 
 def _samples(options: argparse.Namespace, tally: Tally, bar: Progress) -> Verdict | None:
@@ -156,18 +162,18 @@ def _orders(fits: list[Fit]) -> list[str]:
     return lines
 
 
-def _next(options: argparse.Namespace, tally: Tally, well: bool) -> str:
-    if well:
-        return (
-            "\nevery law holds (next: --samples 1000000, another --seed, --run RUN for a recording)"
-        )
-    broken = [letter for letter, law in tally.laws.items() if not law.holds]
-    if not broken:
-        return "\nNOT as stated; see above"
-    scene = tally.laws[broken[0]].where.split("/")[0]
-    again = f"cylconn laws --seed {options.seed} --scene {scene}"
-    where = f" (next: {again})" if options.recording is None and options.scene is None else ""
-    return f"\nBROKEN: {', '.join(broken)}{where}"
+def _next(
+    options: argparse.Namespace, tally: Tally, verdict: Verdict | None, off: list[str]
+) -> str:
+    if not off:
+        return "\nall hold (next: --samples 1000000, another --seed, --run RUN for a recording)"
+    places = [tally.laws[letter].where for letter in off if letter in tally.laws]
+    places += verdict.where if verdict is not None else []
+    text = f"\nBROKEN: {', '.join(off)}"
+    if options.recording is None and options.scene is None and places:
+        scene = places[0].split("/")[0]
+        text += f" (next: cylconn laws --seed {options.seed} --scene {scene} --no-order)"
+    return text
 
 
 def _recorded(options: argparse.Namespace) -> int:
@@ -190,7 +196,8 @@ def _recorded(options: argparse.Namespace) -> int:
     print("\n".join([*_laws(tally), *_regimes(tally)]).replace("scene/start/place", "sample"))
     if recorded.left_out:
         print(f"\n{recorded.left_out} states left out: {recorded.why}")
-    print(_next(options, tally, tally.holds))
+    off = [letter for letter, law in tally.laws.items() if not law.holds]
+    print(_next(options, tally, None, off))
     return 0 if tally.holds and tally.samples else 1
 
 

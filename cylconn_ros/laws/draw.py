@@ -66,7 +66,8 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
     inertia = mass * arm * arm
     ratio_mass, ratio_inertia = decades(rng, -6.0, 6.0, 2)
     period = float(decades(rng, -4.0, -1.0))
-    kind_a, kind_b = KINDS[int(rng.choice(len(KINDS), p=[0.5, 0.15, 0.1, 0.15, 0.1]))]
+    shares = [0.2, 0.4, 0.0, 0.4, 0.0] if kind == "roots" else [0.5, 0.15, 0.1, 0.15, 0.1]
+    kind_a, kind_b = KINDS[int(rng.choice(len(KINDS), p=shares))]
     weight = mass * 9.81
     values: dict[str, Any] = {
         "method": method,
@@ -85,6 +86,8 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         },
         "plant_integration": str(rng.choice(["exact", "exact", "exact", "semi_implicit"])),
     }
+    if kind == "roots":
+        _bind(rng, values)
     if rng.random() < 0.3:
         values["elasticity"] = {
             "k1": mass / period**2 * decades(rng, -6.0, 1.0),
@@ -100,6 +103,17 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         if rng.random() < 0.5:
             values["limits"]["torque"] = weight * arm * decades(rng, -2.0, 3.0)
     return Scene.from_parameters(values)
+
+
+def _bind(rng: Random, values: dict[str, Any]) -> None:
+    """Choose the mass centre off node b and the overlap so that friction may bind: c about 1."""
+    body, friction = values["body_b"], values["friction"]
+    node = np.array(values["node_b"]["position"])
+    arm = direction(rng, 1)[0] * decades(rng, -3.0, 0.5)
+    body["com"] = _list(node + arm)
+    mu = friction.get("coefficient", 1.0)
+    coupling = decades(rng, -0.3, 2.0)
+    friction["overlap"] = float(2.0 * mu * np.linalg.norm(arm) / coupling)
 
 
 def _list(values: Array) -> list[float]:
@@ -183,14 +197,15 @@ def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Boo
     qa, at_a = orientation(rng, n), rng.normal(size=(n, 3))
     q_node = rigid.multiply(qa, p.axes_a)
     axes = rigid.matrix(q_node)
-    tilt = _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, 0.0, n)[:, None]
+    wrong = np.where(calm[:, None], 0.0, 1.0)
+    tilt = wrong * _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, 0.0, n)[:, None]
     turn = rigid.multiply(
         rigid.exp(tilt * np.array([0.0, 1.0, 1.0])),
         rigid.exp(rng.uniform(-math.pi, math.pi, n)[:, None] * np.array([1.0, 0.0, 0.0])),
     )
     given = np.where(np.isnan(p.axes_b[:, :1]), orientation(rng, n), p.axes_b)
     qb = rigid.normalised(rigid.multiply(rigid.multiply(q_node, turn), rigid.conjugate(given)))
-    offset = _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, -0.5, n)[:, None]
+    offset = wrong * _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, -0.5, n)[:, None]
     offset[:, 0] = rng.normal(size=n) * decades(rng, -2.0, 0.5, n)
     arm_a = rigid.out_of(rigid.matrix(qa), p.a.com + p.a.node) + rigid.out_of(axes, offset)
     arm_b = rigid.out_of(rigid.matrix(qb), p.b.com + p.b.node)

@@ -23,7 +23,7 @@ from cylconn_ros.laws.friction import contact, limit
 from cylconn_ros.laws.observed import Observed, observe
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
 from cylconn_ros.laws.residual import Block
-from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, compliance
+from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, compliance, inverse
 
 Array = NDArray[np.float64]
 GRID = 1200
@@ -47,6 +47,7 @@ class Problem(Rows):
     condition: Array  # of the elimination
     before_size: Array  # (n, 2) the sizes of the terms of s- and s_free
     free_size: Array
+    base_size: Array  # (n, 4) of what makes the reactions
 
 
 @dataclasses.dataclass
@@ -126,7 +127,15 @@ def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
         o.holding,
         condition,
         *sizes,
+        _reaction_terms(p, s, g),
     )
+
+
+def _reaction_terms(p: Parameters, s: Step, g: Array) -> Array:
+    """(n, 4) |G_cc^-1| times the sizes of the constraint's rows: what rounding starts from."""
+    rows = (s.free_size[:, CONSTRAINED] + s.target_size) / p.h[:, None]
+    inner = np.abs(inverse(g[:, CONSTRAINED][:, :, CONSTRAINED]))
+    return np.asarray(np.einsum("nij,nj->ni", inner, rows))
 
 
 @dataclasses.dataclass
@@ -197,7 +206,6 @@ def _dips(
     n = gaps.shape[1]
     least, root = np.full(n, np.inf), np.zeros(n)
     inner = (gaps[1:-1] <= gaps[:-2]) & (gaps[1:-1] <= gaps[2:]) & (gaps[1:-1] >= 0.0)
-    inner &= gaps[1:-1] < 0.2
     inner &= np.arange(1, len(gaps) - 1)[:, None] <= first
     steps, rows = np.nonzero(inner)
     if not len(rows):
@@ -257,6 +265,17 @@ def _cancelled(q: Problem, phi: Array) -> Array:
     return np.asarray(greatest / np.maximum(normal[3], 1e-300))
 
 
+def _trembling(q: Problem, phi: Array) -> Array:
+    """(n,) how much greater than FN the terms are that its rounding comes from."""
+    p, none = q.parameters, np.zeros(len(phi))
+    at = q.base + rigid.out_of(q.by, phi)
+    normal, terms = (
+        contact(p, np.column_stack([none, f[:, :2]]), np.column_stack([none, f[:, 2:]]))
+        for f in (at, q.base_size)
+    )
+    return np.asarray((terms[0] + terms[2]) / np.maximum(normal[3], 1e-300))
+
+
 def _moved(q: Problem, c: Curve, phi: Array) -> Array:
     """(n,) how far the rounding of s_free moves phi."""
     traction = rigid.norm(phi)
@@ -264,7 +283,7 @@ def _moved(q: Problem, c: Curve, phi: Array) -> Array:
     r = np.where(traction > 0.0, rate / np.where(traction > 0.0, traction, 1.0), 0.0)
     vectors = np.abs(c.vectors)
     size = rigid.into(vectors, q.free_size) / (c.values + r[:, None])
-    return 1e-15 * rigid.norm(rigid.out_of(vectors, size))
+    return (1e-15 + 1e-16 * q.condition) * rigid.norm(rigid.out_of(vectors, size))
 
 
 def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Bools, Bools]:
@@ -275,8 +294,9 @@ def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Boo
     full, half = curve_of(q, 1.0), curve_of(q, 0.5)
     margin = full.gap(tables, np.zeros(len(q.free)))
     admissible = margin >= 0.0
-    least = UNSURE + 1e-15 * q.condition * _cancelled(q, given)
+    least = UNSURE + 1e-15 * (q.condition * _cancelled(q, given) + _trembling(q, given))
     unsure = np.abs(margin) < least
+    unsure |= least > 0.1 * CLOSE
     unsure |= _moved(q, full, given) > 0.1 * CLOSE * rigid.norm(given)
     r1, count, miss = first_root(full, tables)
     unsure |= miss < least

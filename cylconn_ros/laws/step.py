@@ -213,10 +213,15 @@ def reaction_size(p: Parameters, s: Step, wrench: Array, terms: Array) -> Array:
     (f2 f3 m2 m3) = base + C (f1, m1): |base| + |C| terms. wrench, terms: as in :func:`by_wrench`.
     """
     g = compliance(p, s)
-    inner = g[:, CONSTRAINED][:, :, CONSTRAINED]
-    scale = np.sqrt(np.einsum("nii->ni", inner))
-    even = inner / (scale[:, :, None] * scale[:, None, :])
-    coupling = g[:, CONSTRAINED][:, :, AVAILABLE] / scale[:, :, None]
-    by = -np.linalg.solve(even, coupling) / scale[:, :, None]
+    by = -inverse(g[:, CONSTRAINED][:, :, CONSTRAINED]) @ g[:, CONSTRAINED][:, :, AVAILABLE]
     base = wrench[:, CONSTRAINED] - np.einsum("nij,nj->ni", by, wrench[:, AVAILABLE])
     return np.abs(base) + np.einsum("nij,nj->ni", np.abs(by), terms[:, AVAILABLE])
+
+
+def inverse(g: Array) -> Array:
+    """(n, k, k) inverses of positive definite matrices, finite however near to singular."""
+    scale = np.sqrt(np.einsum("nii->ni", g))
+    scales = scale[:, :, None] * scale[:, None, :]  # ones on the diagonal
+    values, vectors = np.linalg.eigh(g / scales)
+    even = vectors / np.maximum(values, 1e-16)[:, None, :] @ vectors.transpose(0, 2, 1)
+    return np.asarray(even / scales)

@@ -1,0 +1,217 @@
+"""The law checker: the laws hold, and it sees each of the mistakes that are easily made."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import bundled
+
+from cylconn_ros.cli.main import main
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.core import layout
+from cylconn_ros.laws import checks, order, roots, sampling
+from cylconn_ros.laws.tally import STEERED, Tally
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def drawn() -> list[sampling.Drawn]:
+    """Three blocks: 24576 samples."""
+    return [part for number in range(3) for part in sampling.blocks(3, number, "impulse")]
+
+
+def test_the_laws_hold_and_every_regime_is_met(drawn: list[sampling.Drawn]) -> None:
+    tally = Tally()
+    for part in drawn:
+        where = (part.number, part.chain, part.place)
+        tally.add(checks.check(part.block), part.block.out, where)
+    assert tally.samples == 24576
+    assert {letter: law.where for letter, law in tally.laws.items() if not law.holds} == {}
+    assert set(tally.laws) == set(checks.CLAIMED["impulse"])
+    assert all(law.samples > 1000 for law in tally.laws.values())
+    assert [name for name in STEERED if tally.share(name) < 0.01] == []
+
+
+def test_answers_are_the_roots_that_the_rule_names(drawn: list[sampling.Drawn]) -> None:
+    verdict = roots.Verdict()
+    for part in drawn[: sampling.LENGTH]:
+        verdict.add(roots.judge(part.block), part.number, part.chain, part.place)
+    assert verdict.where == []
+    assert verdict.judged > 0.8 * verdict.samples
+    assert verdict.several > 100
+    assert verdict.unsure < 0.01 * verdict.samples
+
+
+def test_a_draw_can_be_had_again(drawn: list[sampling.Drawn]) -> None:
+    again = list(sampling.blocks(3, 1, "impulse"))
+    for part, other in zip(drawn[sampling.LENGTH :], again, strict=False):
+        np.testing.assert_array_equal(part.block.sample, other.block.sample)
+        np.testing.assert_array_equal(part.block.out, other.block.out)
+
+
+@pytest.mark.parametrize(
+    ("field", "law"),
+    [
+        (layout.FORCE + 1, "C"),
+        (layout.MOMENT + 2, "C"),
+        (layout.FORCE_FRICTION, "D"),
+        (layout.FORCE_VISCOUS, "A"),
+        (layout.NORMAL_FORCE, "A"),
+        (layout.TORQUE_A + 1, "A"),
+        (layout.FORCE_B, "A"),
+    ],
+)
+def test_a_wrong_number_is_seen(drawn: list[sampling.Drawn], field: int, law: str) -> None:
+    """An answer off by a millionth breaks the law that speaks of it."""
+    block = drawn[0].block
+    out = block.out.copy()
+    out[:, field] *= 1.0 + 1e-6
+    found = checks.check(dataclasses.replace(block, out=out))[law]
+    changed = out[:, field] != 0.0
+    assert np.nanmean(found[changed] > 1e-12) > 0.5
+
+
+def test_not_a_number_is_seen(drawn: list[sampling.Drawn]) -> None:
+    block = drawn[0].block
+    out = block.out.copy()
+    out[5, layout.FORCE_A] = np.nan
+    assert checks.check(dataclasses.replace(block, out=out))["A"][5] == np.inf
+
+
+# What is broken, as a change to the uncompiled physics, and what has to be named for it.
+BREAKS = {
+    "nothing": ("", ""),
+    "sign of friction": (
+        """
+def broken(law, par, d, was_stick):
+    found = solve(law, par, d, was_stick)
+    slips = found.regime == layout.SLIP
+    return found._replace(phi=(-found.phi[0], -found.phi[1])) if slips else found
+sides.solve_disc = broken
+""",
+        "E",
+    ),
+    "factor 2 in Fbend": (
+        """
+whole = disc.contact
+def half(law, reaction):
+    return whole(law._replace(bending=0.5 * law.bending), reaction)
+disc.contact = sides.contact = half
+""",
+        "D",
+    ),
+    "last step's FN": (
+        """
+last = {}
+nothing = (0.0, 0.0, 0.0, 0.0)
+def broken(law, par, d, was_stick):
+    lagged = d._replace(base=last.get(id(par), d.base), c1=nothing, c2=nothing)
+    found = solve(law, par, lagged, was_stick)
+    last[id(par)] = disc.reaction(d, found.phi)
+    return found
+sides.solve_disc = broken
+""",
+        "D",
+    ),
+    "box instead of disc": (
+        """
+def broken(law, par, d, was_stick):
+    found = solve(law, par, d, was_stick)
+    if found.regime != layout.SLIP:
+        return found
+    size = math.hypot(*found.phi)
+    return found._replace(phi=tuple(math.copysign(size, x) for x in found.phi))
+sides.solve_disc = broken
+""",
+        "D",
+    ),
+    "first root skipped": (
+        """
+sides.solve_disc = lambda law, par, d, was_stick: solve(law, par, d, True)
+""",
+        "roots",
+    ),
+}
+DRIVER = """
+import math, sys
+from cylconn_ros.core import disc, layout
+from cylconn_ros.laws import sampling
+from cylconn_ros.methods import sides
+sampling.CHAINS = 1  # so that a scene's last step is the connector's last
+solve = sides.solve_disc
+{change}
+from cylconn_ros.cli.main import main
+sys.exit(main("laws --seed 3 --samples 1024 --roots 1024 --no-order".split()))
+"""
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_broken_on_purpose(name: str) -> None:
+    change, law = BREAKS[name]
+    environment = {**os.environ, "CYLCONN_NO_COMPILER": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVER.format(change=change)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=environment,
+    )
+    broken = next((x for x in done.stdout.splitlines() if x.startswith("BROKEN")), "")
+    named = broken.removeprefix("BROKEN: ").split(" (")[0].split(", ") if broken else [""]
+    assert (done.returncode, law in named) == (1 if law else 0, True), done.stdout + done.stderr
+
+
+# --- law O ---
+
+
+def test_orders_are_the_stated_ones() -> None:
+    fits = order.fits(only=("two free bodies 20:1",))
+    assert [fit.what for fit in fits] == ["position", "rate", "direction"]
+    assert [fit for fit in fits if not fit.holds] == []
+
+
+def test_an_order_too_low_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrench held for one sample too long."""
+    step = Connector.step
+    before: dict[int, np.ndarray] = {}
+
+    def late(self: Connector, sample: np.ndarray) -> np.ndarray:
+        out = step(self, sample)
+        found = before.get(id(self), out)
+        before[id(self)] = out
+        return found.copy()
+
+    monkeypatch.setattr(Connector, "step", late)
+    assert any(not fit.holds for fit in order.fits(only=("two free bodies 20:1",)))
+
+
+# --- the command ---
+
+
+def test_a_recorded_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The samples of a run: sliding, coming to rest, resting."""
+    run = tmp_path / "run"
+    assert bundled("coast").plant.duration > 0.4
+    assert main(["simulate", "coast", "-o", str(run)]) == 0
+    capsys.readouterr()
+    assert main(["laws", "--run", str(run)]) == 0
+    text = capsys.readouterr().out
+    assert "K stick" in text
+    assert "S slip" in text
+    assert "left out" not in text
+
+
+def test_a_scene_by_its_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["laws", "--seed", "3", "--scene", "70", "--roots", "0"]) == 0
+    text = capsys.readouterr().out
+    assert f"{sampling.CHAINS * sampling.LENGTH} samples, seed 3" in text
+
+
+def test_a_method_without_stated_laws_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["laws", "--method", "wishful"]) == 2
+    assert "wishful" in capsys.readouterr().err
