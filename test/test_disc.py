@@ -219,3 +219,21 @@ def least_scanned(law_: Law, d: disc.Disc, s: np.ndarray, was_stick: bool) -> fl
             if theta == 1.0 or np.dot(d.s_minus, s_end) > 0.25 * np.dot(d.s_minus, d.s_minus):
                 return float(np.linalg.norm(first))
     return None
+
+
+def test_inertias_beyond_rounding_end_too() -> None:
+    """70 t with an inertia of 1e-9 kg m^2 leave S indefinite by rounding: still an answer."""
+    law_ = law(0.067, static=0.096, decay=0.476, rate_slope=0.0138, bending=4.17, preload=0.008)
+    problem = disc.disc_problem(
+        (-96.12008971843107, -0.9044862930735948),
+        (-84.99906539980135, -10.257228859332232),
+        7.13899e-07,
+        1.413e-08,
+        -1.18e-08 + 7.2e-09,
+        (61231997.62666528, -29149332.244162012, 596114420.7421695, 1218982063.3723009),
+        (-0.24812155306608202, 0.0548531313154722, -0.7607977481499268, -3.4413772616630562),
+        (-0.25702526695598205, -0.1335080279730458, 2.664271404526498, -5.129167754414068),
+    )
+    for was_stick in (False, True):
+        found = disc.solve_disc(law_, PAR, problem, was_stick)
+        assert np.all(np.isfinite([*found.phi, *found.s_end]))

@@ -68,7 +68,7 @@ def take_turns(contestants: Sequence[Contestant], rounds: int, seconds: float) -
     round.
     """
     repetitions = [_enough(contestant.block, seconds) for contestant in contestants]
-    found = {contestant.name: np.empty(rounds) for contestant in contestants}
+    found: dict[str, Array] = {contestant.name: np.empty(rounds) for contestant in contestants}
     for k in range(rounds):
         for j in range(len(contestants)):
             at = (j + k) % len(contestants)

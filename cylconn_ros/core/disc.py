@@ -31,6 +31,7 @@ from cylconn_ros.core.linear import Four, eigen2
 Two = tuple[float, float]
 
 MOST_STRETCHES = 500
+MOST_SEARCHED = 5000  # steps of 2 %: 44 decades
 ROUNDING = 4e-16  # a relative error that counts as none
 NOTHING = 1e-100  # N: below it squares leave the range of doubles
 
@@ -75,6 +76,8 @@ def disc_problem(
 ) -> Disc:
     """The problem for S given by its elements."""
     greater, lesser, cos, sin = eigen2(s11, s12, s22)
+    if s11 > 0.0 and s22 > 0.0:  # no component is held: what is not positive is rounding
+        lesser = max(lesser, ROUNDING * greater)
     return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
 
 
@@ -296,7 +299,7 @@ def _searched(
     It happens where limit and traction all but touch over a long stretch, with a coefficient that
     varies.
     """
-    while high > 0.0:
+    for _ in range(MOST_SEARCHED):
         low, g_low = 0.98 * high, 0.0
         if low > 1e-13 * c.l2 + 1e-290:
             g_low = _excess(law, par, d, c, low)

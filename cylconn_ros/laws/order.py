@@ -126,7 +126,8 @@ def closed_loop(values: dict[str, Any], period: float) -> tuple[float, float, fl
     first = observe(p, sample, past)
     past = dataclasses.replace(past, started=np.array([True]), target=first.target)
     past = dataclasses.replace(past, axes_b=_aligned(p, first.a, first.b), start=first.start)
-    position, rate, angle, phi = 0.0, 0.0, 0.0, np.zeros(2)
+    position, rate, angle = 0.0, 0.0, 0.0
+    phi: Array = np.zeros(2)
     steps = round(DURATION / period)
     for k in range(steps + 1):
         o = observe(p, sample, past)
