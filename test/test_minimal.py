@@ -89,7 +89,7 @@ def test_two_free_bodies_against_newton_and_euler(friction: dict[str, Any]) -> N
 def test_two_free_bodies_keep_momentum_and_energy(mass_a: float) -> None:
     scene = pair(mass_a=mass_a, spin=8.0)
     par = pack(scene, plant=True)
-    found = solve(scene, 1.0, 1e-12, np.linspace(0.0, 1.0, 5))
+    found = solve(scene, 1.0, 1e-12, np.linspace(0.0, 1.0, 5).tolist())
     momentum = np.array([plant.momentum(par, state) for state in found.states])
     energy = np.array([plant.energy(par, state) for state in found.states])
     np.testing.assert_allclose(momentum, momentum[:1] + np.zeros((5, 6)), atol=1e-11)
@@ -101,7 +101,7 @@ def test_friction_takes_the_energy_that_it_reports() -> None:
     scene = pair(friction=FRICTION)
     par = pack(scene, plant=True)
     times = np.linspace(0.0, 0.5, 2001)
-    found = solve(scene, 0.5, times=times)
+    found = solve(scene, 0.5, times=times.tolist())
     energy = np.array([plant.energy(par, state) for state in found.states])
     radius = scene.friction.radius
     s = np.stack([found.velocity, radius * found.angular_velocity], axis=1)
@@ -153,7 +153,7 @@ def test_a_held_misalignment_stays_and_does_no_work() -> None:
     }
     scene = Scene.from_parameters(values)
     par = pack(scene, plant=True)
-    found = solve(scene, 0.5, times=np.linspace(0.0, 0.5, 6))
+    found = solve(scene, 0.5, times=np.linspace(0.0, 0.5, 6).tolist())
     assert abs(found.angle[-1] - found.angle[0]) > 1.0
     for state in found.states:
         np.testing.assert_allclose(rotation(state[16:20])[:, 0], axis, atol=1e-12)
