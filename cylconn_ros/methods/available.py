@@ -239,12 +239,12 @@ def _time_to_rest(law: Law, par: Array, o: Observed, r: Reduced, av: Available, 
     by = (x * b[0] + y * c[0], x * b[1] + y * c[1], x * b[2] + y * c[2], x * b[3] + y * c[3])
     base = reactions(r, push[0], push[1])
     p, jammed, _ = least_traction(law, par, base, by, 1.0, size, math.inf)
-    if jammed:
+    if jammed or not math.isfinite(p):
         return 0.0
     f1, m1 = push[0] + p * x, push[1] + p * y
     d1 = r.free[0] + r.a[0] * f1 + r.a[1] * m1 - s1
     d2 = law.radius * (r.free[1] + r.a[1] * f1 + r.a[2] * m1) - s2
     slowing = -(d1 * s1 + d2 * s2) / size
-    if slowing <= size:  # would not stop within the period
+    if not slowing > size:  # would not stop within the period
         return h
     return h * size / slowing
