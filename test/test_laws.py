@@ -73,6 +73,8 @@ def test_a_wrong_number_is_seen(drawn: list[sampling.Drawn], field: int, law: st
     out[:, field] *= 1.0 + 1e-6
     found = checks.check(dataclasses.replace(block, out=out))[law]
     changed = out[:, field] != 0.0
+    if law == "D":  # a stuck sleeve may hold a millionth more
+        changed &= out[:, layout.REGIME] == layout.SLIP
     assert np.nanmean(found[changed] > 1e-12) > 0.5
 
 

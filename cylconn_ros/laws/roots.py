@@ -27,6 +27,7 @@ from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, complianc
 
 Array = NDArray[np.float64]
 GRID = 1200
+FINER = 100  # points where the sign changes
 REFINED = 90  # halvings or golden sections
 CLOSE = 1e-3  # of phi: the same solution; that it is one to rounding is the matter of S and D
 WORST_CONDITION = 1e10  # of the elimination: beyond it a grid cannot tell solutions apart
@@ -116,6 +117,9 @@ def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
     before = unit * o.w[:, AVAILABLE]
     free_size = s.free_size + s.bracket_size
     free_size[:, AVAILABLE] += s.hold_size
+    base_size = _reaction_terms(p, s, g)
+    through = np.abs(g[:, AVAILABLE][:, :, CONSTRAINED])
+    free_size[:, AVAILABLE] += h * np.einsum("nij,nj->ni", through, base_size)
     sizes = [unit * size[:, AVAILABLE] for size in (o.w_size, free_size)]
     return Problem(
         p,
@@ -126,8 +130,9 @@ def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
         reactions[:, :, 1:],
         o.holding,
         condition,
-        *sizes,
-        _reaction_terms(p, s, g),
+        sizes[0],
+        sizes[1],
+        base_size,
     )
 
 
@@ -189,14 +194,29 @@ def first_root(c: Curve, tables: Sequence[Table]) -> tuple[Array, Array, Array]:
     any_change = changes.any(axis=0)
     first = np.where(any_change, changes.argmax(axis=0), GRID)
     miss, dip_root = _dips(c, tables, places, gaps, first)
-    high, less = places[first, np.arange(n)], places[np.minimum(first + 1, GRID), np.arange(n)]
+    high = _narrowed(
+        c,
+        tables,
+        places[np.maximum(first - 1, 0), np.arange(n)],
+        places[np.minimum(first + 1, GRID), np.arange(n)],
+    )
+    root = np.where(any_change, np.exp(high), 0.0)
+    root = np.where(dip_root > 0.0, dip_root, root)
+    return root, changes.sum(axis=0) + 2 * (dip_root > 0.0), miss
+
+
+def _narrowed(c: Curve, tables: Sequence[Table], high: Array, less: Array) -> Array:
+    """The first change of sign between ``high`` and ``less`` on a finer grid, then by halving."""
+    rows = np.arange(len(high))
+    places = high + (less - high) * np.linspace(0.0, 1.0, FINER)[:, None]
+    below = np.stack([c.gap(tables, np.exp(x)) < 0.0 for x in places])
+    first = np.maximum(below.argmax(axis=0), 1)
+    high, less = places[first - 1, rows], places[first, rows]
     for _ in range(REFINED):
         middle = 0.5 * (high + less)
         beyond = c.gap(tables, np.exp(middle)) >= 0.0
         high, less = np.where(beyond, middle, high), np.where(beyond, less, middle)
-    root = np.where(any_change, np.exp(high), 0.0)
-    root = np.where(dip_root > 0.0, dip_root, root)
-    return root, changes.sum(axis=0) + 2 * (dip_root > 0.0), miss
+    return high
 
 
 def _dips(
@@ -242,7 +262,7 @@ def judge(block: Block) -> Found:
     given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
     given[:, 1] /= q.parameters.radius
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        expected, unsure, several = named(q, tables, given)
+        expected, unsure, several = named(q, tables)
     apart = rigid.norm(given - expected) > CLOSE * rigid.norm(expected)
     apart |= ~np.isfinite(expected).all(axis=1)
     everything = np.zeros((3, len(p.h)), dtype=np.bool_)
@@ -286,34 +306,28 @@ def _moved(q: Problem, c: Curve, phi: Array) -> Array:
     return (1e-15 + 1e-16 * q.condition) * rigid.norm(rigid.out_of(vectors, size))
 
 
-def named(q: Problem, tables: Sequence[Table], given: Array) -> tuple[Array, Bools, Bools]:
-    """Phi (n, 2) that the rule names, whether that hangs on rounding, whether there were several.
-
-    given: (n, 2) the answer's phi, for the size of rounding errors.
-    """
+def named(q: Problem, tables: Sequence[Table]) -> tuple[Array, Bools, Bools]:
+    """The phi (n, 2) that the rule names, whether rounding decides, whether there are several."""
     full, half = curve_of(q, 1.0), curve_of(q, 0.5)
     margin = full.gap(tables, np.zeros(len(q.free)))
     admissible = margin >= 0.0
-    least = UNSURE + 1e-15 * (q.condition * _cancelled(q, given) + _trembling(q, given))
-    unsure = np.abs(margin) < least
-    unsure |= least > 0.1 * CLOSE
-    unsure |= _moved(q, full, given) > 0.1 * CLOSE * rigid.norm(given)
-    r1, count, miss = first_root(full, tables)
-    unsure |= miss < least
-    r2, _, miss = first_root(half, tables)
-    unsure |= miss < least
+    at_rest = full.phi(np.zeros(len(q.free)))
+    r1, count, miss_full = first_root(full, tables)
+    r2, _, miss_half = first_root(half, tables)
     phi = half.phi(r2)
     end = q.free + rigid.out_of(q.s, phi)
     square = rigid.dot(q.before, q.before)
     turn = rigid.dot(q.before, end) - 0.25 * square
-    allowed = (r2 > 0.0) & (turn > 0.0) & ~q.after_stick & (square > 0.0)
-    size = rigid.norm(q.before) * rigid.norm(end) + 0.25 * square
-    close = (np.abs(turn) < UNSURE * size) | (
-        rigid.norm(q.before) < UNSURE * rigid.norm(q.before_size)
-    )
-    unsure |= (r2 > 0.0) & close & ~q.after_stick
-    at_rest = full.phi(np.zeros(len(r1)))
+    may_turn = (r2 > 0.0) & ~q.after_stick & (square > 0.0)
     found = np.where((r1 > 0.0)[:, None], full.phi(r1), at_rest)
-    found = np.where(allowed[:, None], phi, found)
+    found = np.where((may_turn & (turn > 0.0))[:, None], phi, found)
     found = np.where((q.after_stick & admissible)[:, None], at_rest, found)
+
+    least = UNSURE + 1e-15 * (q.condition * _cancelled(q, found) + _trembling(q, found))
+    unsure = np.minimum(np.abs(margin), np.minimum(miss_full, miss_half)) < least
+    unsure |= least > 0.1 * CLOSE
+    unsure |= _moved(q, full, found) > 0.1 * CLOSE * rigid.norm(found)
+    size = rigid.norm(q.before) * rigid.norm(end) + 0.25 * square
+    hardly = rigid.norm(q.before) < UNSURE * rigid.norm(q.before_size)
+    unsure |= may_turn & ((np.abs(turn) < UNSURE * size) | hardly)
     return found, unsure, (count + admissible) > 1
