@@ -115,13 +115,15 @@ def _stops(scene: Scene) -> list[float]:
 
 def _friction(friction: Friction) -> list[float]:
     static = friction.static_coefficient
-    static = friction.coefficient if math.isnan(static) else static
+    least, greatest = friction.coefficient, friction.coefficient if math.isnan(static) else static
     rate_slope, force_slope = _slopes(friction)
     table = friction.table
+    if table is not None:
+        least, greatest = min(table.values), max(table.values)
     return [
         float(friction.on),
-        friction.coefficient,
-        static,
+        least,
+        greatest,
         friction.decay,
         friction.max_force,
         0.0 if math.isnan(friction.radius) else friction.radius,

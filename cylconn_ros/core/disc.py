@@ -77,7 +77,7 @@ def disc_problem(
     """The problem for S given by its elements."""
     greater, lesser, cos, sin = eigen2(s11, s12, s22)
     if s11 > 0.0 and s22 > 0.0:  # no component is held: what is not positive is rounding
-        lesser = max(lesser, ROUNDING * greater)
+        lesser = max(lesser, ROUNDING * min(s11, s22))
     return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
 
 
@@ -232,6 +232,7 @@ def _free_of_roots(
     mu -= law.rate_slope * abs(high * size_high - low * size)
     if law.force_slope > 0.0:
         mu -= law.force_slope * growth * math.sqrt((x - u) * (x - u) + (y - v) * (y - v))
+    mu = max(mu, law.kinetic)
     return mu * normal_high > size_high and mu * normal_low > size
 
 
@@ -245,7 +246,7 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, g_end: float) -> float
     only_one = False
     if law.rate_slope == 0.0 and law.force_slope == 0.0 and _ends(c):
         spread = (c.l1 + c.l2) / (2.0 * math.sqrt(c.l1 * c.l2))  # |d phi| / d|phi|, Kantorovich
-        only_one = law.kinetic * growth * spread < 1.0
+        only_one = law.static * growth * spread < 1.0
     if only_one and g_end >= 0.0:
         return 0.0
     resting = limit(law, par, c.size, contact(law, d.base).normal)
@@ -268,7 +269,7 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, g_end: float) -> float
         normal = max(contact(law, d.base).normal - growth * size, 0.0)
         mu = coefficient(law, par, c.size, contact(law, d.base).normal)
         mu -= law.rate_slope * c.size * c.l1 / (c.l1 + high) + law.force_slope * growth * size
-        certain = size < min(law.cap, max(mu, 0.0) * normal)
+        certain = size < min(law.cap, max(mu, law.kinetic) * normal)
     if not certain:
         return math.inf
     g_high = _excess(law, par, d, c, high)

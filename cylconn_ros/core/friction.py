@@ -27,8 +27,8 @@ class Law(NamedTuple):
     """The constants of the law; the table, where there is one, lies in the parameter array."""
 
     on: bool
-    kinetic: float  # mu_k
-    static: float  # mu_s
+    kinetic: float  # mu_k, or the least of the table
+    static: float  # mu_s, or the greatest of the table; never less than kinetic
     decay: float  # dc, s/m
     cap: float  # N, on P
     radius: float  # R, m
