@@ -54,6 +54,7 @@ from cylconn_ros.methods.available import Available, available, report
 from cylconn_ros.methods.sides import Reduced
 
 UNDERSAMPLED_ABOVE = 0.5  # |w| h
+ROUNDING = 4e-16  # a relative error that counts as none
 STOPPED_AFTER = 3  # stuck samples in a row: a single one occurs at turning points
 
 
@@ -242,10 +243,10 @@ def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) ->
         wf.v[0] + turning.v[0] + h * _dot4(of_f1, base),
         wf.w[0] + turning.w[0] + h * _dot4(of_m1, base),
     )
-    a = (
-        h * (ff[0] + _dot4(of_f1, by_f1)),
+    a = (  # never below its rounding: a body always gives way
+        h * max(ff[0] + _dot4(of_f1, by_f1), ROUNDING * ff[0]),
         h * (fm[0][0] + _dot4(of_f1, by_m1)),
-        h * (mm[0] + _dot4(of_m1, by_m1)),
+        h * max(mm[0] + _dot4(of_m1, by_m1), ROUNDING * mm[0]),
     )
     return Reduced(base, by_f1, by_m1, free, a)
 

@@ -47,7 +47,7 @@ def ended(mem: Array, h: float, flags: int, out: Array) -> int:
     """Close an answer: its status, which is not OK where a wrench is not finite."""
     out[out_at.FLAGS] = flags
     mem[model.LAST_PERIOD] = h
-    for k in range(out_at.STATE0):
+    for k in range(out_at.REGIME):
         if not math.isfinite(out[k]):
             _nothing(out, out_at.NOT_FINITE)
             for i in range(model.NMEM):  # what was remembered of it is not to be trusted either
