@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import math
 import sys
@@ -16,7 +17,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
 import cylconn_ros
-from cylconn_ros.cli import checks, info, main, processes, progress, results, scenes
+from cylconn_ros.cli import checks, info, main, processes, progress, results, scenes, simulate
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.plots.run_picture import ReferenceCurves, draw_run, save_run
@@ -102,6 +103,8 @@ def test_version_and_no_command(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["simulate", "nowhere"], "nowhere is neither a file nor a scene that comes along"),
         (["info", "nowhere"], "nowhere: No such file or directory"),
+        (["info", __file__], "test_cli.py: is not a recording (an MCAP file, or a directory"),
+        (["info", "/dev/null"], "/dev/null: is not a recording"),
         (["simulate", "demo", "--output", "run.txt.gz"], "run.txt.gz"),
         (["demo", "--output", "/proc/nope/here"], "/proc/nope/here"),
     ],
@@ -113,6 +116,15 @@ def test_errors_are_one_sentence(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_picture_that_cannot_be_drawn_is_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(simulate, "simulate", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert call("simulate", "coast", "--plot", "a.png") == 2
+    assert "--plot needs matplotlib: pip install '.[demo]' brings it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "inf", "nan", "soon"])

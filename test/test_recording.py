@@ -392,6 +392,16 @@ def test_unfinished_and_foreign_directories_are_named(tmp_path: Path) -> None:
     writer.close()
 
 
+def test_topics_below_the_node_are_found(tmp_path: Path) -> None:
+    info = TopicInfo("/arm/joint/command", "sensor_msgs/msg/JointState")
+    with RunWriter(tmp_path / "run", [info], {"node": "/arm/joint"}) as writer:
+        writer.write(info.name, b"x", 1, 1)
+    assert read_run(tmp_path / "run").topic("~/command") == info.name
+    with RunWriter(tmp_path / "other", [info], {}) as writer:
+        writer.write(info.name, b"x", 1, 1)
+    assert read_run(tmp_path / "other").topic("~/command") == info.name
+
+
 def test_missing_messages_are_noticed(tmp_path: Path) -> None:
     write_run(tmp_path / "run")
     path = tmp_path / "run" / "metadata.yaml"

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import cylconn_ros
 from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.connector.interrupting import INTERRUPTED, interruptible
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.recording.errors import RecordingError
 
@@ -47,16 +48,20 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0 well, 1 something is off, 2 wrongly used."""
+    """Run a command; returns the exit code: 0 well, 1 something is off, 2 wrongly used.
+
+    130 where it was interrupted.
+    """
     options = parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with interruptible(f"cylconn {options.command}"):
+            return int(options.run(options))
     except (CommandError, RecordingError, SceneError) as error:
         print(f"cylconn {options.command}: {error}", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:
         print(f"\ncylconn {options.command}: interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
     except BrokenPipeError:  # `cylconn info RUN | head`
         sys.stderr.close()
         return 0

@@ -7,22 +7,11 @@ import dataclasses
 import math
 from pathlib import Path
 
-import cylconn_ros
 from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.connector.installed import shipped_scenes
 from cylconn_ros.connector.scene import Scene, load
-from cylconn_ros.recording.interfaces import share_directories
 
-
-def bundled() -> dict[str, Path]:
-    """Scenes that come with the package, by name: of the checkout, else of the installation."""
-    checkout = Path(cylconn_ros.__file__).resolve().parents[1]
-    places = [checkout / "config"] if (checkout / "package.xml").is_file() else []
-    places += [share / "cylconn_ros" / "config" for share in share_directories()]
-    for place in places:
-        found = {path.stem: path for path in sorted(place.glob("*.yaml"))}
-        if found:
-            return found
-    return {}
+bundled = shipped_scenes
 
 
 def find(name: str) -> Path:

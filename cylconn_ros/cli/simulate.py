@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,8 @@ def _check_names(output: Path | None, plot: Path | None) -> None:
     """Refuse before the work what would be refused after it."""
     if plot is not None and plot.suffix not in _PICTURES:
         raise CommandError(f"{plot}: a picture ends in one of {', '.join(_PICTURES)}")
+    if plot is not None and importlib.util.find_spec("matplotlib") is None:
+        raise CommandError("--plot needs matplotlib: pip install '.[demo]' brings it")
     if output is not None:
         if output.suffix not in ("", ".npz"):
             raise CommandError(f"{output}: ends in .npz (arrays) or in nothing (recorded run)")
@@ -179,19 +182,17 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
 def _draw(
     result: Run, state: Mapping[str, np.ndarray], name: str, stop_time: float, path: Path
 ) -> None:
-    try:
-        from cylconn_ros.plots.run_picture import draw_run, save_run
+    from cylconn_ros.plots.run_picture import draw_run, save_run
 
-        period = result.connector.scene.period
-        figure = draw_run(
-            result.time,
-            state,
-            f"Scene {name}",
-            f"method {result.connector.method}, period {period * 1e3:g} ms, in one process",
-            stop_time=stop_time,
-        )
+    period = result.connector.scene.period
+    figure = draw_run(
+        result.time,
+        state,
+        f"Scene {name}",
+        f"method {result.connector.method}, period {period * 1e3:g} ms, in one process",
+        stop_time=stop_time,
+    )
+    try:
         save_run(figure, path)
-    except ImportError as error:
-        raise CommandError(f"--plot needs {error.name}: pip install '.[demo]' brings it") from None
     except OSError as error:
         raise CommandError(f"{path}: {error.strerror or error}") from None

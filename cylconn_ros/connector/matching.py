@@ -137,6 +137,22 @@ class SampleMatcher:
         needed = (name for bit, name in enumerate(STREAMS) if self._needed >> bit & 1)
         return tuple(name for name in needed if not self.received[name])
 
+    @property
+    def apart(self) -> int | None:
+        """Ns by which the stamps of one sample differ at least, as far as the waiting ones say.
+
+        None where a stream has brought nothing that waits.
+        """
+        stamps = [
+            [slot.stamp for slot in self._pending.values() if slot.seen >> bit & 1]
+            for bit in range(len(STREAMS))
+            if self._needed >> bit & 1
+        ]
+        if not stamps or not all(stamps):
+            return None
+        first, *others = stamps
+        return min(max(min(abs(s - t) for t in other) for other in others) for s in first)
+
     def pose(self, body: int, stamp: int, frame: str, pose: Vector) -> Matched | None:
         """Take the pose (7: position, quaternion) of body A (0) or B (1) in the world."""
         if frame and frame != self._world:

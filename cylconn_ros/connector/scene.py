@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from cylconn_ros.connector import scene_file, scene_rules
+from cylconn_ros.connector.installed import shipped
 from cylconn_ros.connector.parameters import (
     Parameter,
     SceneError,
@@ -45,7 +46,7 @@ from cylconn_ros.connector.scene_parts import (
     Wrench,
 )
 
-__all__ = ["Body", "Friction", "Node", "Scene", "SceneError", "load", "schema"]
+__all__ = ["Body", "Friction", "Node", "Scene", "SceneError", "load", "schema", "shipped"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

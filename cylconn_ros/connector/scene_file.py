@@ -19,8 +19,15 @@ if TYPE_CHECKING:
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
+class OtherNodesError(SceneError):
+    """A parameter file whose blocks are all for other nodes."""
+
+
 def load_parameters(path: str | Path, node: str, namespace: str = "/") -> dict[str, Any]:
-    """Dotted parameters for a node from a file: blocks with wildcards first, then its own."""
+    """Dotted parameters for a node from a file: blocks with wildcards first, then its own.
+
+    Raises :class:`SceneError`; :class:`OtherNodesError` where all blocks name other nodes.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -36,12 +43,17 @@ def load_parameters(path: str | Path, node: str, namespace: str = "/") -> dict[s
         full_name = "/" + "/".join(part for part in (*namespace.split("/"), node) if part)
         found: dict[str, Any] = {}
         blocks = sorted(_blocks(document, ""), key=lambda block: "*" not in block[0])
-        for pattern, parameters in blocks:
-            if _matches(pattern, full_name):
-                found.update(flatten(parameters))
+        mine = [parameters for pattern, parameters in blocks if _matches(pattern, full_name)]
+        if blocks and not mine:
+            names = ", ".join(pattern for pattern, _ in blocks)
+            raise OtherNodesError(
+                f"has parameters for {names}, but none for {full_name} (nor for /**)"
+            )
+        for parameters in mine:
+            found.update(flatten(parameters))
         return found
     except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
+        raise type(error)(f"{path}: {error}") from None
 
 
 def scene_part(parameters: Mapping[str, Any]) -> dict[str, Any]:

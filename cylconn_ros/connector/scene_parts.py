@@ -359,5 +359,22 @@ class Imposed:
 class Command:
     """What is imposed on slide and spin."""
 
-    slide: Imposed = group(Imposed)
-    spin: Imposed = group(Imposed)
+    slide: Imposed = group(
+        Imposed,
+        change={
+            "position": {"unit": "m", "doc": "Position in the slot to hold or reach; .nan: none."},
+            "velocity": {"unit": "m/s"},
+            "force": {"unit": "N", "doc": "Force on B along e1a; not with a motion; .nan: none."},
+        },
+    )
+    spin: Imposed = group(
+        Imposed,
+        change={
+            "position": {"unit": "rad", "doc": "Angle to hold or reach; .nan: none."},
+            "velocity": {"unit": "rad/s"},
+            "force": {
+                "unit": "N.m",
+                "doc": "Moment on B about e1a; not with a motion; .nan: none.",
+            },
+        },
+    )

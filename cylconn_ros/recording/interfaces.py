@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+from cylconn_ros.connector.installed import share_directories
 
 from .errors import RecordingError
 
@@ -21,20 +21,6 @@ class Interface:
     type: str  # package/msg/Name
     definition: str  # .msg text, the definitions it refers to appended (encoding `ros2msg`)
     type_hash: str  # RIHS01_..., REP-2011
-
-
-def share_directories() -> list[Path]:
-    """``share`` directories of every prefix ROS packages may live in, nearest first, each once.
-
-    Sourced workspaces announce themselves in AMENT_PREFIX_PATH; ROS installed from wheels does not
-    set it, so the prefixes of the interpreter and of its site-packages count as well.
-    """
-    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    prefixes.append(Path(sys.prefix))
-    for entry in map(Path, sys.path):
-        if entry.name in ("site-packages", "dist-packages") and len(entry.parents) > 2:
-            prefixes.append(entry.parents[2])
-    return [share for share in dict.fromkeys(p / "share" for p in prefixes) if share.is_dir()]
 
 
 def _find(type_name: str, suffix: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import yaml
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 
 from . import schema
 from .columns import columns
@@ -142,7 +144,13 @@ class Run:
         return self.table(topics[0])
 
     def topic(self, ending: str) -> str:
-        """Find the one topic whose name ends in ``ending``, whatever namespace the run had."""
+        """Find the one topic whose name ends in ``ending``, whatever namespace the run had.
+
+        ``~/…`` is a topic below the name of the node that recorded.
+        """
+        if ending.startswith("~/"):
+            below = [self.metadata.get("node", "") + ending[1:], "/connector" + ending[1:]]
+            ending = next((topic for topic in below if topic in self.types), ending[2:])
         found = [t for t in self.types if t == ending or t.endswith("/" + ending.lstrip("/"))]
         if len(found) != 1:
             names = ", ".join(found or self.types)
@@ -178,7 +186,7 @@ def read_run(path: Path | str) -> Run:
             reader = make_reader(stream)
             summary = reader.get_summary()
             if summary is None:
-                raise RecordingError(f"{file}: never finished (no summary at its end)")
+                raise RecordingError(_not_mcap(file))
             for record in reader.iter_metadata():
                 if record.name == METADATA_RECORD:
                     metadata.update(record.metadata)
@@ -192,11 +200,21 @@ def read_run(path: Path | str) -> Run:
                 kept.publish_time.append(message.publish_time)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
+    except (InvalidMagic, EndOfFile, struct.error):
+        raise RecordingError(_not_mcap(file)) from None
     except (McapError, ValueError, KeyError) as error:
         raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
     run = Run(file, metadata, channels)
     run.incomplete = _disagreement(run, declared)
     return run
+
+
+def _not_mcap(file: Path) -> str:
+    """Say what is wrong with a file that does not begin and end as MCAP files do."""
+    with file.open("rb") as stream:
+        if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            return f"{file}: is not a recording (an MCAP file, or a directory with metadata.yaml)"
+    return f"{file}: never finished (no summary at its end); cylconn salvage gives back what it has"
 
 
 def _bag_information(directory: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.connector.scene_file import load_parameters, parse
+from cylconn_ros.connector.scene_file import OtherNodesError, load_parameters, parse
 
 
 class UsageError(ValueError):
@@ -28,6 +28,8 @@ class Arguments:
     parameters: dict[str, Any]  # dotted, by files and -p in the order given
     ros: list[str]  # for rclpy.init
     help: bool = False
+    version: bool = False
+    unused: tuple[str, ...] = ()  # parameter files that have nothing for this node, in words
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +46,8 @@ def read_arguments(arguments: Sequence[str], node: str) -> Arguments:
     Raises :class:`UsageError`, or SceneError for a parameter file or value that cannot be read.
     """
     own, ros = _split(arguments)
-    wants_help = bool({"-h", "--help"} & set(own))
-    foreign = [argument for argument in own if argument not in ("-h", "--help")]
+    wants_help, wants_version = bool({"-h", "--help"} & set(own)), "--version" in own
+    foreign = [argument for argument in own if argument not in ("-h", "--help", "--version")]
     if foreign:
         raise UsageError(f"{foreign[0]}: not understood; ROS arguments come after --ros-args")
     sources, remaps, rest = _take_parameters(ros)
@@ -59,13 +61,19 @@ def read_arguments(arguments: Sequence[str], node: str) -> Arguments:
             elif what == "__ns":
                 namespace = to
     parameters: dict[str, Any] = {}
+    unused = []
     for source in sources:
         if source.kind == "file":
-            parameters.update(load_parameters(source.text, name, namespace))
+            try:
+                parameters.update(load_parameters(source.text, name, namespace))
+            except OtherNodesError as error:  # as several nodes may share their files
+                unused.append(str(error))
         else:
             parameters.update(_read_parameter(source.text, name))
     ros_arguments = ["--ros-args", *rest] if rest else []
-    return Arguments(name, namespace, parameters, ros_arguments, wants_help)
+    return Arguments(
+        name, namespace, parameters, ros_arguments, wants_help, wants_version, tuple(unused)
+    )
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -24,18 +24,20 @@ from cylconn_ros.ros import process
 from cylconn_ros.ros.answering import Answer, Answering
 from cylconn_ros.ros.arguments import Arguments
 from cylconn_ros.ros.diagnostics import Links, Monitor
-from cylconn_ros.ros.parameters import SceneParameters, ros_part
+from cylconn_ros.ros.parameters import SceneParameters, differences, ros_part
 from cylconn_ros.ros.recording import Recorder, now
 from cylconn_ros.ros.topics import Topics, check_qos_overrides
+from cylconn_ros.ros.waiting import Waiting
 
 USAGE = """\
-usage: connector --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
+usage: connector [--version] --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
 Serve a cylindrical connector between two bodies: read their poses and twists, answer each sample
 with the wrenches on both. Needs a scene, at least node_a.orientation and the moving bodies' mass
 and inertia, from a parameter file or -p. Stop with Ctrl-C.
 Parameters: docs/parameters.md; an example with all of them: config/connector.yaml.
-Exit codes: 0 stopped, 2 arguments or parameters that cannot be used."""
+Exit codes: 0 stopped, 2 arguments or parameters that cannot be used, 130 interrupted while
+compiling."""
 
 
 _LOOK = 0.02  # s between looks at the clock
@@ -62,6 +64,7 @@ class ConnectorNode(LifecycleNode):
         self._said: dict[str, str] = {}  # what the log has last said of each part of diagnostics
         check_qos_overrides(self, parameters, scene)
         self._answered_at = 0.0
+        self._waiting = Waiting()
         self._history = 0  # samples answered since the connector last forgot everything
         self._monitor = Monitor(self.get_fully_qualified_name().strip("/"))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -105,7 +108,12 @@ class ConnectorNode(LifecycleNode):
 
     def _look(self) -> None:
         """Watch the timeout; on the steady clock, since simulated time stops with the samples."""
-        if not self._history or self.answering is None or self.links.state != "active":
+        if self.answering is None or self.links.state != "active":
+            return
+        reason = self._waiting.look(self.answering.matcher, self.scene, time.monotonic())
+        if reason:
+            self.get_logger().warning(reason)
+        if not self._history:
             return
         silent = time.monotonic() - self._answered_at > self.scene.timeout
         if silent and not self.links.silent:
@@ -298,11 +306,15 @@ class ConnectorNode(LifecycleNode):
         if self.answering is not None:
             self._prepared = Answering(scene, self.answering)
 
-    def _apply(self, _scene: Scene) -> None:
+    def _apply(self, scene: Scene, before: Scene) -> None:
+        changes = ", ".join(f"{n}: {old} -> {new}" for n, old, new in differences(before, scene))
+        self.get_logger().info(f"parameters changed: {changes or 'nothing'}")
         if self._prepared is None:
             return
+        model = "" if self.answering is None else self.answering.connector.model
         self.answering, self._prepared = self._prepared, None
-        self.get_logger().info(f"parameters changed: {self.answering.connector.model}")
+        if self.answering.connector.model != model:
+            self.get_logger().info(self.answering.connector.model)
         if not self.answering.continues:
             self._forget()
             self.get_logger().info("the next sample is the reference configuration")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from cylconn_ros.connector.parameters import Parameter, Value
+from cylconn_ros.connector.parameters import Parameter, Value, show
 from cylconn_ros.connector.scene import Scene, schema
 from cylconn_ros.connector.scene_file import ROS_PARAMETERS
 
@@ -50,7 +50,8 @@ class SceneParameters:
     """Keep a scene and the node's parameters in agreement.
 
     A change is accepted when the scene it gives can be used; ``prepare`` gets that scene and may
-    raise SceneError, too; ``apply`` then puts in force what was prepared. All of a change or none.
+    raise SceneError, too; ``apply`` then gets it with the scene before, and puts in force what was
+    prepared. All of a change or none.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class SceneParameters:
         node: Node,
         scene: Scene,
         prepare: Callable[[Scene], None],
-        apply: Callable[[Scene], None],
+        apply: Callable[[Scene, Scene], None],
     ) -> None:
         self.scene = scene
         self._next: Scene | None = None
@@ -84,8 +85,16 @@ class SceneParameters:
 
     def _changed(self, _parameters: Sequence[RosParameter]) -> None:
         if self._next is not None:
-            self.scene, self._next = self._next, None
-            self._apply(self.scene)
+            before, self.scene, self._next = self.scene, self._next, None
+            self._apply(self.scene, before)
+
+
+def differences(before: Scene, after: Scene) -> Iterator[tuple[str, str, str]]:
+    """Name, old and new value, as a user would write them, of every parameter that differs."""
+    old = before.parameters()
+    for name, value in after.parameters().items():
+        if show(old[name]) != show(value):
+            yield name, show(old[name]), show(value)
 
 
 def _to_ros(value: Value) -> Any:

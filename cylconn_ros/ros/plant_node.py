@@ -27,15 +27,15 @@ from cylconn_ros.ros.parameters import declare, ros_part
 from cylconn_ros.ros.plant_exchange import Exchange, PlantCounts
 
 USAGE = """\
-usage: plant --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
+usage: plant [--version] --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
 Two rigid bodies standing in for a simulator: publishes their poses and twists, and moves them as
 the wrenches and constant loads (plant.body_a.load, plant.body_b.load, sent on body_a/load,
 body_b/load) say. Takes the same parameter file as connector; its own parameters begin with plant.
 Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
 Free running: plant.rate samples a second, each step with the newest wrenches.
-Exit codes: 0 plant.duration reached or stopped, 1 no connector or no answer, 2 arguments or
-parameters that cannot be used."""
+Exit codes: 0 plant.duration reached or stopped, 1 no connector, no answer or a motion that is not
+finite, 2 arguments or parameters that cannot be used, 130 interrupted while compiling."""
 
 DISCOVERY = 240.0  # s of wall clock for a connector to appear; the first one ever compiles
 _SETTLING = 0.25  # s between seeing the connector and the first sample: it must see us, too
@@ -100,7 +100,9 @@ class PlantNode(Node):
         """Take one step with the wrenches at hand and send the next sample."""
         self.plant.step(*self._exchange.wrenches)
         self._steps += 1
-        if self._steps == self._total:
+        if not math.isfinite(float(self.plant.state.sum())):
+            self._fall_over()
+        elif self._steps == self._total:
             self._end(process.OK)
         else:
             self._exchange.expect()
@@ -169,6 +171,15 @@ class PlantNode(Node):
         elif missing and now > self._remind:
             self._remind = now + _REMIND
             self._say(f"waiting for a connector on {self._names(missing)}")
+
+    def _fall_over(self) -> None:
+        """End: what is not a number any more cannot be sent as a state."""
+        a, b = (", ".join(f"{x:.3g}" for x in wrench) for wrench in self._exchange.wrenches)
+        self._say(
+            f"the motion is not finite at {self.plant.time_ns * 1e-9:.9g} s, after the wrenches "
+            f"[{a}] on A and [{b}] on B: the loop is unstable, or a parameter is far from real"
+        )
+        self._end(process.FAILED)
 
     def _give_up(self, why: str) -> None:
         self._say(f"{why}; is the connector running and active, in the same ROS_DOMAIN_ID?")

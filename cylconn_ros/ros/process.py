@@ -19,6 +19,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from cylconn_ros import __version__
+from cylconn_ros.connector.interrupting import interruptible
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.core.compiled import is_ready
 from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
@@ -41,16 +43,16 @@ class Served(Protocol):
 def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str] | None) -> int:
     """Run the node that ``make`` gives until it is done or a signal comes; return the exit code.
 
-    Exit code 2, with one plain line, where arguments or parameters cannot be used.
+    Exit code 2, with one plain line, where arguments or parameters cannot be used; 130 where it was
+    interrupted while compiling.
     """
-    terminate = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, at first
     try:
-        arguments = read_arguments(sys.argv[1:] if argv is None else argv, name)
-        if arguments.help:
-            print(usage)
-            return OK
-        with _context(arguments):
-            return _serve(make(arguments))
+        with interruptible(name, (signal.SIGINT, signal.SIGTERM)):
+            arguments = read_arguments(sys.argv[1:] if argv is None else argv, name)
+            if arguments.help or arguments.version:
+                print(usage if arguments.help else __version__)
+                return OK
+            return _run(make, arguments)
     except KeyboardInterrupt:
         return OK
     except (SceneError, UsageError) as error:
@@ -59,8 +61,14 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
     except NameValidationException as error:
         print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
         return WRONG_USE
-    finally:
-        signal.signal(signal.SIGTERM, terminate)
+
+
+def _run(make: Callable[[Arguments], Node], arguments: Arguments) -> int:
+    try:
+        with _context(arguments):
+            return _serve(make(arguments))
+    except SceneError as error:  # perhaps because its parameters stand in another node's block
+        raise SceneError("; ".join([str(error), *arguments.unused])) from None
 
 
 def announce_compiling(entry: Callable[..., Any], say: Callable[[str], object]) -> None:
