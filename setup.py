@@ -48,6 +48,7 @@ ROS = [
 FAST = ["numba>=0.59"]
 DEMO = [*FAST, "matplotlib>=3.8", "scipy>=1.11"]
 BENCH = [*DEMO, "mujoco>=3.1"]
+PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5"]
 TEST = [
     *BENCH,
     "colcon-common-extensions",
@@ -230,7 +231,7 @@ setup(
     package_dir={"": "."},
     package_data={NAME: ["py.typed"]},
     install_requires=[*ROS, "mcap>=1.1", "numpy>=1.26", "pyyaml>=6", "zstandard>=0.22"],
-    extras_require={"fast": FAST, "demo": DEMO, "bench": BENCH, "test": TEST},
+    extras_require={"fast": FAST, "demo": DEMO, "bench": BENCH, "peers": PEERS, "test": TEST},
     entry_points={
         "console_scripts": [
             f"connector = {NAME}.ros.connector_node:main",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import cylconn_ros
 
-PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "mujoco")
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "mujoco", "drake", "exudyn", "pin", "pybullet")
 ROOMS = ("core", "methods", "connector")
 
 

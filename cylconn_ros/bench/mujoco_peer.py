@@ -38,6 +38,7 @@ class MujocoScene:
     Args:
         friction: constant friction force (N) on the slide; times R on the hinge.
         integrator: Euler, RK4 or implicitfast. timestep: s; the scene's period by default.
+        slide: more attributes of the slide's joint, as MJCF.
 
     Raises AbsentError, and ValueError for a scene that is not a free body B on a fixed or free A.
     """
@@ -48,12 +49,13 @@ class MujocoScene:
         friction: float = 0.0,
         integrator: str = "Euler",
         timestep: float | None = None,
+        slide: str = "",
     ) -> None:
         self.mujoco = module()
         self.scene = scene
         self.free = scene.body_a.kind == "free"
         self.model = self.mujoco.MjModel.from_xml_string(
-            document(scene, friction, integrator, timestep or scene.period)
+            document(scene, friction, integrator, timestep or scene.period, slide)
         )
         self.data = self.mujoco.MjData(self.model)
         self.start = _velocities(scene)
@@ -98,8 +100,13 @@ class MujocoScene:
         return state
 
 
-def document(scene: Scene, friction: float, integrator: str, timestep: float) -> str:
-    """The scene as MJCF. Raises ValueError for a scene that this does not cover."""
+def document(
+    scene: Scene, friction: float, integrator: str, timestep: float, slide: str = ""
+) -> str:
+    """The scene as MJCF; ``slide``: more attributes of the slide's joint.
+
+    Raises ValueError for a scene that this does not cover.
+    """
     a, b = scene.body_a, scene.body_b
     if b.kind != "free" or a.kind not in ("free", "fixed"):
         raise ValueError("needs a free body B on a fixed or free body A")
@@ -110,7 +117,7 @@ def document(scene: Scene, friction: float, integrator: str, timestep: float) ->
     radius = scene.friction.radius if scene.friction.on else 0.0
     common = f'pos="{_text(scene.node_b.position)}" axis="{_text(axis)}"'
     rotor = f"""<body name="b" pos="{_text(place)}" quat="{_wxyz(inverse(turn))}">{_inertial(b)}
-        <joint type="slide" {common} frictionloss="{friction!r}"/>
+        <joint type="slide" {common} frictionloss="{friction!r}" {slide}/>
         <joint type="hinge" {common} frictionloss="{friction * radius!r}"/></body>"""
     free = f"<freejoint/>{_inertial(a)}" if a.kind == "free" else ""
     return f"""<mujoco>

@@ -3,6 +3,8 @@
   kernel   what an answer costs: compiled, called from Python, without the compiler, beside
            MuJoCo's step; start-up; minimal beside SciPy and MuJoCo's RK4
   orders   orders of convergence and costs of every method on a set of scenes
+  precision  error against CPU time on twelve scenes: every method, and MuJoCo, Drake, PyBullet,
+           Pinocchio, Exudyn and SciPy in several set-ups each
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
 pip install '.[bench]'; an absent one is said to be absent. Exit code 1 where something
@@ -30,7 +32,7 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("what", choices=("kernel", "orders"), help="what to measure")
+    parser.add_argument("what", choices=("kernel", "orders", "precision"), help="what to measure")
     parser.add_argument("--quick", action="store_true", help="the short form; rough numbers")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
@@ -117,6 +119,10 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
             ("minimal and SciPy on slide and spin", accuracy.slide_and_spin),
             ("minimal and MuJoCo's RK4 on two free bodies", accuracy.two_free_bodies),
         )
+    if what == "precision":
+        from cylconn_ros.bench import precision
+
+        return (("everybody on every scene", precision.measure),)
     from cylconn_ros.bench import orders
 
     return (("orders and costs of every method", orders.measure),)

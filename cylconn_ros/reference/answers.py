@@ -104,6 +104,12 @@ def _weight(scene: Scene) -> float:
     return float(np.linalg.norm(scene.gravity))
 
 
+def along(scene: Scene) -> float:
+    """Gravity along a slot that is tipped about y, m/s^2."""
+    x, y, z, w = scene.node_a.orientation
+    return -2.0 * (x * z - w * y) * _weight(scene)
+
+
 def _rest(name: str, value: float = 0.0) -> Expected:
     return Expected(name, "m", creep, value, 0.0, 0.0)
 
@@ -186,6 +192,16 @@ def incline(scene: Scene, end: float) -> list[Expected]:
     return [Expected("distance", "m", distance, 0.5 * a * end**2, 0.0, 0.0)]
 
 
+def free_slide(scene: Scene, end: float) -> list[Expected]:
+    """Constant acceleration down the slope, constant spin."""
+    a = along(scene)
+    turn = float(np.linalg.norm(scene.plant.body_b.twist[3:])) * end
+    return [
+        Expected("distance", "m", distance, _speed(scene) * end + 0.5 * a * end**2, 0.0, 0.0),
+        Expected("turn", "rad", rotation, turn, 0.0, 0.0),
+    ]
+
+
 def between_stops(scene: Scene, end: float) -> list[Expected]:
     """Constant speed between instant impacts."""
     stops = scene.stops
@@ -198,13 +214,12 @@ def between_stops(scene: Scene, end: float) -> list[Expected]:
 
 def end_stop(scene: Scene, _end: float) -> list[Expected]:
     """At rest on the stop, which carries the weight along the slope."""
-    x, y, z, w = scene.node_a.orientation
-    along = -2.0 * (x * z - w * y) * _weight(scene) * scene.body_b.mass
+    weight = along(scene) * scene.body_b.mass
     return [
         Expected("position", "m", length, scene.stops.l_max, 0.0, 0.0),
         Expected("velocity", "m/s", velocity, 0.0, 0.0, 0.0),
         Expected(
-            "stop's force", "N", lambda run: run.state("force_reaction")[-1], -along, 0.0, 0.0
+            "stop's force", "N", lambda run: run.state("force_reaction")[-1], -weight, 0.0, 0.0
         ),
     ]
 

@@ -25,6 +25,16 @@ def constant_normal_force(c: float, v0: float, tau: float) -> tuple[float, float
     return 0.5 * tau * (root + math.asinh(c) / c), tau * v0 * (root**3 - 1.0) / (3.0 * c * c)
 
 
+def constant_normal_force_turn(c: float, v0: float, tau: float) -> float:
+    """R times the angle (m) until slide and spin come to rest together, as above.
+
+    R alpha = c v0 tau Int_0^1 p^2 sqrt(1 + c^2 p^2) dp, p = v/v0.
+    """
+    root = math.sqrt(1.0 + c * c)
+    integral = (1.0 + 2.0 * c * c) * root / (8.0 * c * c) - math.asinh(c) / (8.0 * c**3)
+    return c * v0 * tau * integral
+
+
 def bouncing(gap: float, v0: float, restitution: float, time: float) -> tuple[float, float]:
     """Position (m) from the first stop and velocity (m/s) between two stops ``gap`` apart.
 

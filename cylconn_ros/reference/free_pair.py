@@ -10,6 +10,8 @@ multipliers are affine in it, so that FN follows from one scalar equation. DOP85
 constraints to its own tolerance.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,15 +39,8 @@ def free_pair(scene: Scene, duration: float) -> Pair:
 
     Raises ValueError where a body is not free or slip ends before ``duration``.
     """
-    from scipy.integrate import solve_ivp
-
-    pair = _Equations(scene)
-    solution = solve_ivp(
-        pair.rates, (0.0, duration), pair.start, method="DOP853", rtol=1e-12, atol=1e-13
-    )
-    if not solution.success:
-        raise ValueError(f"the reference did not integrate: {solution.message}")
-    y = solution.y[:, -1]
+    pair = Equations(scene)
+    y = _end(pair, duration)
     at = pair.geometry(y)
     return Pair(
         float(at.d @ at.axes[:, 0]) - pair.length0,
@@ -54,6 +49,24 @@ def free_pair(scene: Scene, duration: float) -> Pair:
         y[7:10],
         float(max(abs(at.d @ at.axes[:, 1] - pair.y0), abs(at.e1b @ at.axes[:, 1]))),
     )
+
+
+def motion(scene: Scene, duration: float) -> Array:
+    """(26,) poses and twists of both bodies at the end, as in a sample; else as free_pair."""
+    pair = Equations(scene)
+    return pair.sample(_end(pair, duration))
+
+
+def _end(pair: Equations, duration: float) -> Array:
+    from scipy.integrate import solve_ivp
+
+    solution = solve_ivp(
+        pair.rates, (0.0, duration), pair.start, method="DOP853", rtol=1e-12, atol=1e-13
+    )
+    if not solution.success:
+        raise ValueError(f"the reference did not integrate: {solution.message}")
+    y: Array = solution.y[:, -1]
+    return y
 
 
 @dataclass(frozen=True)
@@ -67,8 +80,11 @@ class _Geometry:
     turn_b: Array
 
 
-class _Equations:
-    """y: mass centre and quaternion of A, then of B (14); their velocities (12); the angle (1)."""
+class Equations:
+    """The equations of motion of a scene's two free bodies.
+
+    y: mass centre and quaternion of A, then of B (14); their velocities (12); the angle (1).
+    """
 
     def __init__(self, scene: Scene) -> None:
         if (scene.body_a.kind, scene.body_b.kind) != ("free", "free"):
@@ -89,6 +105,7 @@ class _Equations:
         self.y0 = float(at.d @ at.axes[:, 1])
 
     def geometry(self, y: Array) -> _Geometry:
+        """Axes and arms in the world."""
         turn_a = rotation(y[3:7] / np.linalg.norm(y[3:7]))
         turn_b = rotation(y[10:14] / np.linalg.norm(y[10:14]))
         arm_a, arm_b = turn_a @ self.end_a, turn_b @ self.end_b
@@ -96,7 +113,19 @@ class _Equations:
         axes = turn_a @ self.axes_a
         return _Geometry(axes, arm_a, arm_b, d, turn_b @ self.e1_in_b, turn_a, turn_b)
 
+    def sample(self, y: Array) -> Array:
+        """(26,) poses and twists of both bodies' frames, as in a sample."""
+        at = self.geometry(y)
+        found = []
+        for body, k, turn in ((self.scene.body_a, 0, at.turn_a), (self.scene.body_b, 7, at.turn_b)):
+            arm, j = turn @ np.array(body.com), 14 + 6 * (k > 0)
+            q = y[k + 3 : k + 7] / np.linalg.norm(y[k + 3 : k + 7])
+            spin = y[j + 3 : j + 6]
+            found += [*(y[k : k + 3] - arm), *q, *(y[j : j + 3] - np.cross(spin, arm)), *spin]
+        return np.array(found)
+
     def rates(self, _t: float, y: Array) -> Array:
+        """Derivatives of the state."""
         va, wa, vb, wb = y[14:17], y[17:20], y[20:23], y[23:26]
         accelerations = self.accelerations(y)
         e1 = self.geometry(y).axes[:, 0]

@@ -102,6 +102,11 @@ LIBRARY: dict[str, Case] = {
         f"{CLOSED}: a = g (sin b - mu cos b)",
         answers.incline,
     ),
+    "free_slide": Case(
+        "Down a slope without friction, spinning",
+        f"{CLOSED}: v0 t + g sin b t^2/2, w0 t",
+        answers.free_slide,
+    ),
     "incline_stick": Case(
         "Slider on an incline below the friction angle", f"{CLOSED}: statics", answers.stays
     ),

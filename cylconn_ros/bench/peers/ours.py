@@ -1,0 +1,96 @@
+"""Our methods: in the compiled closed loop with the exact plant, and ``minimal`` as a simulation.
+
+In the loop only wrenches go out, held over a step; the plant moves both bodies. ``minimal`` offline
+owns the motion and takes a tolerance instead.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from cylconn_ros.bench.methods import METHODS, served_by, with_period
+from cylconn_ros.bench.minimal import Prepared
+from cylconn_ros.bench.peers.task import Contestant, Read, Solve, Task
+from cylconn_ros.connector.packing import pack
+from cylconn_ros.connector.plant import Plant
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout, model
+from cylconn_ros.methods.step import NAMES
+
+ABOUT = {
+    "penalty": "gains by a rule: 0.05 m/h^2, 0.3 m/h",
+    "augmented_lagrangian": "gains by the same rule",
+    "baumgarte": "accelerations with feedback, regularised friction",
+    "impulse": "the default with known inertia",
+    "minimal": "the mean wrench of the coming step",
+}
+
+
+class Loop:
+    """A scene in the compiled closed loop; called, it runs from the start.
+
+    ``answered``: steps of the last run whose answer was OK.
+    """
+
+    def __init__(self, scene: Scene, steps: int) -> None:
+        method = scene.method
+        if method == "minimal":
+            from cylconn_ros.bench.peers.minimal_loop import closed
+        else:
+            from cylconn_ros.bench.peers.loop import closed
+        self.closed, self.method, self.steps = closed, NAMES[method], steps
+        plant = Plant(scene)
+        self.par, self.of_plant = pack(scene), pack(scene, plant=True)
+        self.start, self.loads, self.h = plant.state.copy(), plant.loads, scene.period
+        self.state = self.start.copy()
+        self.mem, self.sample = np.zeros(model.NMEM), np.zeros(layout.NSAMPLE)
+        self.a, self.b, self.out = np.zeros(6), np.zeros(6), np.zeros(layout.NOUT)
+        self.answered = 0
+
+    def __call__(self) -> Read:
+        """All steps."""
+        self.state[:] = self.start
+        self.mem[:] = 0.0
+        self.answered = self.closed(
+            self.method, self.par, self.of_plant, self.mem, self.sample, self.loads, self.state,
+            self.a, self.b, self.h, self.steps, self.out,
+        )  # fmt: skip
+        return lambda: self.state
+
+
+def looped(method: str) -> Callable[[Task], Solve]:
+    """How ``method`` is prepared in the closed loop."""
+
+    def prepare(task: Task) -> Solve:
+        return Loop(served_by(with_period(task.scene, task.value), method), task.steps)
+
+    return prepare
+
+
+def offline(task: Task) -> Solve:
+    """The whole motion by ``minimal``."""
+    scene = dataclasses.replace(task.scene, method="minimal")
+    prepared = Prepared(scene, task.duration, task.value)
+
+    def solve() -> Read:
+        prepared()
+        return lambda: prepared.rows[-1, :26]
+
+    return solve
+
+
+CONTESTANTS = (
+    *(
+        Contestant(
+            f"{name}, live" if name == "minimal" else name,
+            "ours", "ours", "step", ABOUT[name], looped(name),
+        )
+        for name in METHODS
+    ),
+    Contestant(
+        "minimal", "ours", "ours", "tolerance", "a simulation: adaptive, events located", offline
+    ),
+)  # fmt: skip

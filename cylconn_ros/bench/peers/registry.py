@@ -1,0 +1,10 @@
+"""Everybody who takes part, by name."""
+
+from __future__ import annotations
+
+from cylconn_ros.bench.peers import mujoco, ours, scipy
+from cylconn_ros.bench.peers.task import Contestant
+
+CONTESTANTS: dict[str, Contestant] = {
+    contestant.name: contestant for room in (ours, scipy, mujoco) for contestant in room.CONTESTANTS
+}

@@ -1,0 +1,274 @@
+"""Work and precision: the arithmetic of points and fronts, and every contestant's own set-up."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import Array, bundled
+
+from cylconn_ros.bench import cases, fronts, precision
+from cylconn_ros.bench.cases import CASES, PLACE
+from cylconn_ros.bench.errors import AbsentError, LeftOutError
+from cylconn_ros.bench.fronts import Point
+from cylconn_ros.bench.peers import process
+from cylconn_ros.bench.peers.joint import Coulomb, Joint, Stops
+from cylconn_ros.bench.peers.registry import CONTESTANTS
+from cylconn_ros.bench.peers.task import Task, milder, package
+from cylconn_ros.bench.results import Findings, Measurement
+from cylconn_ros.bench.work import COST
+from cylconn_ros.cli import main
+from cylconn_ros.connector.plant import Plant
+from cylconn_ros.connector.simulation import simulate
+
+NEEDED = {"ours": "numpy", "scipy": "scipy", "mujoco": "mujoco"}
+
+
+def solved(name: str, contestant: str, value: float) -> Array:
+    case = CASES[name]
+    scene = cases.scene_of(bundled, case)
+    truth = case.answer(milder(scene), case.duration) if scene.friction.on else {}
+    task = Task(name, scene, case.duration, value, truth)
+    return np.array(CONTESTANTS[contestant].prepare(task)()())
+
+
+def error(name: str, state: Array) -> float:
+    case = CASES[name]
+    scene = cases.scene_of(bundled, case)
+    return cases.errors(case, scene, case.answer(scene, case.duration), state)[PLACE][0]
+
+
+# --- what is measured of a state ---
+
+
+@pytest.mark.parametrize("name", ["demo", "free_flight", "hub_and_rotor", "free_slide"])
+def test_measured_at_the_start_is_nothing(name: str) -> None:
+    scene = bundled(name)
+    found = cases.measured(scene, Plant(scene).state)
+    for quantity in ("slide", "spin", "offset", "tilt"):
+        assert abs(found[quantity]) < 1e-12
+    assert found["energy"] == pytest.approx(Plant(scene).energy())
+
+
+def test_measured_agrees_with_the_connector() -> None:
+    scene = bundled("demo")
+    run = simulate(scene, 400)
+    found = cases.measured(scene, run.states[-1])
+    assert found["slide"] == pytest.approx(run.state("displacement")[-1], abs=1e-12)
+    assert math.remainder(found["spin"] - run.state("rotation")[-1], 2 * math.pi) == (
+        pytest.approx(0.0, abs=1e-9)
+    )
+    assert found["v"] == pytest.approx(run.state("velocity")[-1, 0])
+    assert found["w"] == pytest.approx(run.state("angular_velocity")[-1, 0])
+
+
+def test_a_joint_gives_the_state_back() -> None:
+    for name in ("demo", "hub_and_rotor"):
+        scene = bundled(name)
+        joint = Joint(scene)
+        state = joint.state(joint.pose_a, joint.twist_a, 0.0, 0.0, (joint.slide, joint.spin))
+        np.testing.assert_allclose(state, Plant(scene).state, atol=1e-13)
+        found = cases.measured(
+            scene, joint.state(joint.pose_a, joint.twist_a, 0.3, 1.0, (2.0, 5.0))
+        )
+        moved = [found[quantity] for quantity in ("slide", "spin", "v", "w")]
+        assert moved == pytest.approx([0.3, 1.0, 2.0, 5.0])
+        assert max(found["offset"], found["tilt"]) < 1e-12
+
+
+def test_answers_that_are_worth_nothing_are_failures() -> None:
+    case, scene = CASES["coast"], cases.scene_of(bundled, CASES["coast"])
+    truth = case.answer(scene, case.duration)
+    joint = Joint(scene)
+
+    def judged(slide: float, v: float) -> str:
+        state = joint.state(joint.pose_a, joint.twist_a, slide, 0.0, (v, 0.0))
+        return cases.failure(case, scene, cases.errors(case, scene, truth, state), state)
+
+    assert judged(truth["slide"] + 1e-3, 0.0) == ""
+    assert "half of the motion" in judged(truth["slide"] + 0.15, 0.0)
+    assert "rest" in judged(truth["slide"], 0.5)
+    lost = np.full(26, math.nan)
+    assert "blew up" in cases.failure(case, scene, cases.errors(case, scene, truth, lost), lost)
+    state = joint.state(joint.pose_a, joint.twist_a, truth["slide"], 0.0, (0.0, 0.0))
+    state[14] += 0.2
+    assert "apart" in cases.failure(case, scene, cases.errors(case, scene, truth, state), state)
+
+
+# --- the law of a user's loop ---
+
+
+def test_the_loops_law_is_the_libraries() -> None:
+    law = Coulomb(bundled("demo"))
+    e = np.array([1.0, 2.0, 2.0]) / 3.0
+    across = np.cross(e, [0.0, 0.0, 1.0])
+    force, moment = 7.0 * e + 5.0 * across, 3.0 * e + 0.1 * across
+    size = float(np.linalg.norm(across))
+    expected = 0.2 * (5.0 * size + 2.0 / 0.08 * 0.1 * size + 4.0)
+    assert law.limit(force.tolist(), moment.tolist(), e.tolist()) == pytest.approx(expected)
+
+
+def test_a_brake_holds_or_slides_against_the_slip() -> None:
+    law = Coulomb(bundled("slide_and_spin"))
+    inverse = (0.5, 0.0, 2500.0)
+    f, m = law.brake(10.0, 1e-3, 0.0, (-1.0, 0.0), inverse, 1e-3)
+    assert f == pytest.approx(0.0, abs=1e-12), "it comes to rest by itself"
+    f, m = law.brake(0.5, 3.0, 200.0, (0.0, 0.0), inverse, 1e-3)
+    assert math.hypot(f, m / 0.02) == pytest.approx(0.5)
+    assert f / m == pytest.approx(3.0 / (0.02**2 * 200.0))
+
+
+def test_a_stop_sends_back() -> None:
+    stops = Stops(bundled("between_stops"), 0.02)
+    assert stops.bounced(0.05, 1.0) is None
+    assert np.array(stops.bounced(0.081, 1.0)) == pytest.approx([0.08, -0.8])
+    assert stops.bounced(0.081, -1.0) is None
+
+
+# --- contestants reach the answers ---
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_minimal_is_at_the_reference(name: str) -> None:
+    assert error(name, solved(name, "minimal", 1e-12)) < 3e-11
+
+
+@pytest.mark.parametrize("name", ["eccentric_rotor", "between_stops", "near_jam", "jam"])
+def test_impulse_in_the_compiled_loop_is_that_of_simulate(name: str) -> None:
+    case = CASES[name]
+    scene = dataclasses.replace(cases.scene_of(bundled, case), period=2e-3, method="impulse")
+    run = simulate(scene, round(case.duration / 2e-3))
+    np.testing.assert_allclose(solved(name, "impulse", 2e-3), run.plant.state, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", [n for n in CASES if n not in ("incline_stick", "jam")])
+def test_scipy_with_events_reaches_the_answer(name: str) -> None:
+    tolerance = 1e-6 if name == "hub_and_rotor" else 1e-9
+    assert error(name, solved(name, "SciPy DOP853", tolerance)) < 1e-7
+
+
+def test_regularised_scipy_creeps_and_cannot_jam() -> None:
+    loose, tight = (error("incline_stick", solved("incline_stick", "SciPy LSODA", t))
+                    for t in (1e-3, 1e-5))  # fmt: skip
+    assert 1e-6 < tight < 0.02 * loose
+    assert error("jam", solved("jam", "SciPy LSODA", 1e-6)) > 0.05
+
+
+LOOPS = [name for name, c in CONTESTANTS.items() if c.kind == "simulator" and "loop" in name]
+
+
+@pytest.mark.parametrize("contestant", LOOPS)
+@pytest.mark.parametrize("name", ["demo", "eccentric_rotor"])
+def test_every_simulators_loop_comes_near_the_answer(name: str, contestant: str) -> None:
+    """Set up wrongly (reaction, arm, radius, axis) it would be far off."""
+    found = error(name, solved(name, contestant, 1e-3))
+    assert found < (0.02 if name == "demo" else 0.005)
+
+
+def test_a_calibrated_coefficient_predicts_where_the_law_is_constant() -> None:
+    found = error("coast", solved("coast", "MuJoCo implicitfast, calibrated", 1e-3))
+    assert 1e-9 < found < 5e-4
+
+
+# --- processes ---
+
+
+def request(contestant: str, tmp_path: Path) -> dict[str, object]:
+    from cylconn_ros.connector import scene_file
+
+    file = tmp_path / "coast.yaml"
+    file.write_text(scene_file.dump(bundled("coast")))
+    return {
+        "contestant": contestant, "name": "coast", "scene": str(file), "duration": 0.5,
+        "value": 1e-2, "truth": {}, "repeat": 0,
+    }  # fmt: skip
+
+
+def test_a_process_answers_times_and_survives_its_end(tmp_path: Path) -> None:
+    with process.Process(60.0) as peer:
+        asked = request("SciPy DOP853", tmp_path)
+        answer = peer.ask(**asked)
+        assert len(answer["state"]) == 26
+        assert peer.ask(**{**asked, "repeat": 2})["cpu"] > 0.0
+        assert peer.ask(**{**asked, "contestant": "nobody"})["status"] == "failed"
+        assert peer._process is not None
+        os.kill(peer._process.pid, signal.SIGKILL)
+        assert peer.ask(**asked)["status"] == process.CRASHED
+        assert peer.ask(**asked)["state"] == answer["state"]
+        peer.patience = 1e-3
+        assert peer.ask(**{**asked, "repeat": 20})["status"] == process.TIMEOUT
+
+
+def test_absent_and_left_out_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(AbsentError, match=r"no_such_peer is not installed.*\[peers\]"):
+        package("no_such_peer.deep")
+    with pytest.raises(LeftOutError, match="evident"):
+        solved("jam", "SciPy DOP853", 1e-6)
+
+
+# --- fronts ---
+
+
+def test_fronts_and_domination() -> None:
+    ours = [Point("impulse", 1e-3, 1.0, 1e-4), Point("minimal", 1e-6, 2.0, 1e-8)]
+    slow = Point("impulse", 1e-4, 3.0, 1e-6)
+    lost = Point("penalty", 1e-3, 0.1, 1e-9, "blew up")
+    assert fronts.front([slow, *ours, lost]) == ours
+    peer = Point("MuJoCo RK4, loop", 1e-3, 2.5, 1e-5)
+    assert fronts.at_equal_cost(ours, peer, 1e-13) == pytest.approx(1e-3)
+    assert fronts.at_equal_cost(ours, dataclasses.replace(peer, cost=0.5), 1e-13) == math.inf
+    assert fronts.dominating(ours, [peer], 1e-13) == []
+    better = dataclasses.replace(peer, cost=0.5, error=1e-5)
+    assert fronts.dominating(ours, [better], 1e-13) == [better]
+    rounding = [Point("impulse", 1e-3, 1.0, 1e-15)]
+    same = dataclasses.replace(peer, cost=0.95, error=0.0)
+    assert fronts.dominating(rounding, [same], 1e-13) == [], "within the clock's spread"
+
+
+def test_targets_are_stricter_where_reactions_change() -> None:
+    def point(problem: str, name: str, cost: float, off: float) -> list[Measurement]:
+        knob = {"step": 1e-3}
+        return [
+            Measurement(problem, name, PLACE, off, "m", settings=knob),
+            Measurement(problem, name, COST, cost, "ms", settings=knob),
+        ]
+
+    found = Findings()
+    for problem in ("coast", "demo"):
+        found.measurements += point(problem, "impulse", 1.0, 1e-5)
+        found.measurements += point(problem, "MuJoCo RK4, loop", 2.0, 2e-5)
+    met = {target.name.partition(":")[0]: target for target in fronts.targets(found)[::2]}
+    assert met["coast"].met is True
+    assert met["demo"].met is False
+    assert met["demo"].value == pytest.approx(0.5)
+
+
+# --- the command ---
+
+
+def test_quick_precision_is_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "precision.json"
+    assert main.main(["bench", "precision", "--quick", "-o", str(output)]) == 0
+    data = json.loads(output.read_text())
+    names = {m["contestant"] for m in data["measurements"]}
+    gaps = {(gap["contestant"], gap["status"]) for gap in data["gaps"]}
+    for name in CONTESTANTS:
+        assert name in names or {(name, "absent"), (name, "left out")} & gaps, name
+    assert {m["problem"] for m in data["measurements"]} == {"coast", "near_jam"}
+    assert len(data["targets"]) == 4
+    failed = [m["note"] for m in data["measurements"] if m["contestant"] == "penalty"]
+    assert any(failed), "penalty comes apart near the jam"
+    assert "coast: our error at equal CPU" in capsys.readouterr().out
+
+
+def test_gaps_that_are_everywhere_are_one() -> None:
+    from cylconn_ros.bench.results import Gap
+
+    gaps = [Gap(name, "peer", "absent", "is not installed") for name in ("a", "b")]
+    assert precision.merged(gaps) == [Gap("a, b", "peer", "absent", "is not installed")]
