@@ -24,6 +24,8 @@ def run(options: argparse.Namespace) -> int:
     lines = [f"{recorded.path}"]
     if recorded.version:
         lines.append(f"recorded by cylconn_ros {recorded.version}")
+    if "salvaged" in recorded.metadata:
+        lines.append(f"salvaged {recorded.metadata['salvaged']}")
     lines += _topics(recorded)
     whole = recorded.incomplete is None
     if not whole:

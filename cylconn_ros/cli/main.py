@@ -17,6 +17,7 @@ COMMANDS = {
     "demo": "run plant and connector as two processes and judge the recorded run",
     "simulate": "run a scene in this process, without ROS",
     "info": "show what is in a recorded run",
+    "salvage": "give back what is left of a run that was never closed",
     "laws": "check the laws of the step from outside, on random states or a recorded run",
     "bench": "measure speed and accuracy, beside others'",
 }

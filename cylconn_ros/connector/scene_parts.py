@@ -281,7 +281,11 @@ class Record:
     enabled: bool = parameter(
         False, read_only=True, doc="Record from activation on (a service starts one later)."
     )
-    directory: str = parameter("runs", doc="Where runs are put, each in a directory of its own.")
+    directory: str = parameter(
+        "runs",
+        doc="Where runs are put, each in a directory of its own. While the node runs it can be "
+        "changed to what is below the one given at the start.",
+    )
     compression: str = parameter(
         "zstd", choices=("none", "zstd"), doc="Compression of the recording's chunks."
     )

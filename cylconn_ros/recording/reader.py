@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 import yaml
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
@@ -183,14 +184,15 @@ def read_run(path: Path | str) -> Run:
     channels: dict[str, _Channel] = {}
     try:
         with file.open("rb") as stream:
-            reader = make_reader(stream)
+            _check_ends(file, stream)
+            reader = make_reader(stream, validate_crcs=True)
             summary = reader.get_summary()
             if summary is None:
-                raise RecordingError(_not_mcap(file))
+                raise RecordingError(f"{file}: has no summary, by which messages are looked up")
             for record in reader.iter_metadata():
                 if record.name == METADATA_RECORD:
                     metadata.update(record.metadata)
-            for channel in summary.channels.values():
+            for channel in sorted(summary.channels.values(), key=lambda channel: channel.id):
                 found = summary.schemas[channel.schema_id]
                 channels[channel.topic] = _Channel(found.name, found.data.decode("utf-8"))
             for _, channel, message in reader.iter_messages(log_time_order=False):
@@ -200,21 +202,28 @@ def read_run(path: Path | str) -> Run:
                 kept.publish_time.append(message.publish_time)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
-    except (InvalidMagic, EndOfFile, struct.error):
-        raise RecordingError(_not_mcap(file)) from None
-    except (McapError, ValueError, KeyError) as error:
+    except (McapError, struct.error, ValueError, KeyError) as error:
         raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
     run = Run(file, metadata, channels)
     run.incomplete = _disagreement(run, declared)
     return run
 
 
-def _not_mcap(file: Path) -> str:
-    """Say what is wrong with a file that does not begin and end as MCAP files do."""
-    with file.open("rb") as stream:
-        if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            return f"{file}: is not a recording (an MCAP file, or a directory with metadata.yaml)"
-    return f"{file}: never finished (no summary at its end); cylconn salvage gives back what it has"
+def _check_ends(file: Path, stream: IO[bytes]) -> None:
+    """Refuse a file that does not begin and end as MCAP files do, and say why."""
+    length = len(MCAP0_MAGIC)
+    if stream.read(length) != MCAP0_MAGIC:
+        raise RecordingError(
+            f"{file}: is not a recording (an MCAP file, or a directory with metadata.yaml)"
+        )
+    end = stream.seek(0, os.SEEK_END)
+    stream.seek(max(length, end - length))
+    if stream.read() != MCAP0_MAGIC:
+        raise RecordingError(
+            f"{file}: never finished (no summary at its end); cylconn salvage gives back what it "
+            "has"
+        )
+    stream.seek(0)
 
 
 def _bag_information(directory: Path) -> dict[str, Any]:
@@ -224,7 +233,8 @@ def _bag_information(directory: Path) -> dict[str, Any]:
         return dict(content["rosbag2_bagfile_information"])
     except FileNotFoundError:
         raise RecordingError(
-            f"{directory}: no metadata.yaml: not a recorded run, or one that was never closed"
+            f"{directory}: no metadata.yaml: not a recorded run, or one that was never closed "
+            "(cylconn salvage gives back what that has)"
         ) from None
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from error

@@ -56,7 +56,7 @@ class ConnectorNode(LifecycleNode):
         self.done = Future()
         self.failure = ""  # why a transition failed
         self.parameters = SceneParameters(self, scene, self._prepare, self._apply)
-        self.recorder = Recorder()
+        self.recorder = Recorder(Path(scene.record.directory))
         self.links = Links()
         self.answering: Answering | None = None
         self._prepared: Answering | None = None
@@ -218,7 +218,10 @@ class ConnectorNode(LifecycleNode):
         self.answering.release()  # a command that came before deactivation may be out of date
         self._forget()
         if self.scene.record.enabled:
-            self._open_recording()
+            try:
+                self.get_logger().info(self._open_recording())
+            except RecordingError as error:
+                self.get_logger().error(f"{error}; serving without a recording")
         self._topics.open_inputs(self.answering, self._receive)
 
     def _deactivate(self, _state: LifecycleState) -> None:
@@ -274,7 +277,7 @@ class ConnectorNode(LifecycleNode):
             "samples_before": str(self._history),  # 0: the whole history, fit for replay
         }
         directory = self.recorder.start(
-            Path(scene.record.directory).expanduser(),
+            scene.record.directory,
             self.get_name(),
             self._topics.recorded(self.answering),
             metadata,
@@ -301,6 +304,7 @@ class ConnectorNode(LifecycleNode):
 
     def _prepare(self, scene: Scene) -> None:
         """Make the connector of a changed scene before the change is accepted."""
+        self.recorder.check(scene.record.directory)
         if self.recorder.running:
             raise SceneError("parameters cannot change during a recording; call ~/stop_recording")
         if self.answering is not None:

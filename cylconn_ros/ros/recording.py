@@ -13,12 +13,16 @@ from cylconn_ros.recording.writer import RunWriter
 
 
 class Recorder:
-    """Record while a run is open; a failure is kept in words and counted, never raised."""
+    """Record while a run is open; a failure is kept in words and counted, never raised.
 
-    def __init__(self) -> None:
+    ``permitted`` is the directory that runs may be put in or below; None: any.
+    """
+
+    def __init__(self, permitted: Path | None = None) -> None:
+        self._permitted = None if permitted is None else permitted.expanduser().resolve()
         self._writer: RunWriter | None = None
-        self.failure = ""  # the last failure of this or the last run
-        self.lost = 0  # messages not recorded because of it
+        self._error = ""
+        self._lost = 0  # not recorded, and not known to the writer of the open run
         self.directory: Path | None = None  # of this or the last run
 
     @property
@@ -31,9 +35,29 @@ class Recorder:
         """Messages in the open run."""
         return 0 if self._writer is None else sum(self._writer.counts.values())
 
+    @property
+    def failure(self) -> str:
+        """The last failure of this or the last run, or of the attempt to open one."""
+        return (self._writer.failure if self._writer is not None else "") or self._error
+
+    @property
+    def lost(self) -> int:
+        """Messages not recorded because of it."""
+        return self._lost + (sum(self._writer.lost.values()) if self._writer is not None else 0)
+
+    def check(self, directory: str | Path) -> Path:
+        """Where ``directory`` is, if runs may be put there; otherwise raises RecordingError."""
+        path = Path(directory).expanduser().resolve()
+        if self._permitted is not None and self._permitted not in (path, *path.parents):
+            raise RecordingError(
+                f"record.directory = {str(directory)!r}: must be {self._permitted}, which was "
+                "given when the node started, or below it"
+            )
+        return path
+
     def start(
         self,
-        parent: Path,
+        parent: str | Path,
         node_name: str,
         topics: Sequence[TopicInfo],
         metadata: Mapping[str, str],
@@ -47,24 +71,30 @@ class Recorder:
             raise RecordingError(f"already recording to {self.directory}")
         now = datetime.datetime.now(datetime.timezone.utc)
         name = f"{node_name}_{now:%Y%m%dT%H%M%S}"
-        directory, again = parent / name, 1
-        while directory.exists():  # two runs within a second
-            again += 1
-            directory = parent / f"{name}_{again}"
-        self._writer = RunWriter(directory, topics, metadata, compression)
+        try:
+            place = self.check(parent)
+            directory, again = place / name, 1
+            while directory.exists():  # two runs within a second
+                again += 1
+                directory = place / f"{name}_{again}"
+            self._writer = RunWriter(directory, topics, metadata, compression, patient=False)
+        except (RecordingError, OSError) as error:
+            self._error = f"cannot record: {error}"
+            raise RecordingError(self._error) from None
         self.directory = self._writer.directory.absolute()
-        self.failure, self.lost = "", 0
+        self._error, self._lost = "", 0
         return self.directory
 
     def write(self, topic: str, data: bytes, time_ns: int) -> None:
         """Record a message if a run is open; ``time_ns`` is when it came or went."""
-        if self._writer is None:
+        writer = self._writer
+        if writer is None:
             return
         try:
-            self._writer.write(topic, data, time_ns, time_ns)
+            writer.write(topic, data, time_ns, time_ns)
         except RecordingError as error:
-            self.failure = str(error)
-            self.lost += 1
+            self._error = str(error)
+            self._lost += topic not in writer.lost
 
     def stop(self) -> str:
         """Close the run and say what it holds; raises RecordingError where closing fails."""
@@ -74,8 +104,10 @@ class Recorder:
         try:
             writer.close()
         except RecordingError as error:
-            self.failure = str(error)
+            self._error = str(error)
             raise
+        finally:
+            self._lost += sum(writer.lost.values())
         return f"recorded {sum(writer.counts.values())} messages in {self.directory}"
 
 

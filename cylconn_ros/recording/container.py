@@ -1,0 +1,224 @@
+"""An MCAP file written chunk by chunk, so that what is on disk is whole at any moment.
+
+The records of messages, chunks and their indexes are laid out here, because that is where a
+recording's time goes; everything written once is left to the library. Each chunk goes to the file
+in one call, and one that the disk refuses is taken back: a file ends at a whole record, also when
+its program is killed between two calls or the disk is full.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC
+
+LIBRARY = "cylconn_ros"
+COMPRESSIONS = ("zstd", "none")
+_LEVEL = 1  # of zstd: of the levels the fastest, and within a few percent of the smallest here
+
+# Opcode, length of the rest, channel, sequence, log time, publish time; then the message.
+MESSAGE = struct.Struct("<BQHIQQ")
+MESSAGE_REST = MESSAGE.size - 9
+INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset within the chunk
+_INDEX = struct.Struct("<BQHI")  # opcode, length of the rest, channel, bytes of entries
+_CHUNK = struct.Struct("<BQQQQI")  # opcode, length of the rest, start, end, size, checksum
+
+
+class Container:
+    """An MCAP file under construction; errors are the operating system's (OSError).
+
+    Attributes
+    ----------
+        size: bytes of the file so far.
+    """
+
+    def __init__(self, path: Path, compression: str) -> None:
+        """Create ``path``, which must not exist; compression is ``zstd`` or ``none``."""
+        self.size = 0
+        self._compression = compression if compression == "zstd" else ""
+        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
+        self._schemas: list[Schema] = []
+        self._channels: list[Channel] = []
+        self._chunks: list[ChunkIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self._counts: dict[int, int] = {}
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        try:
+            self._write([MCAP0_MAGIC, *_bytes([Header(profile="ros2", library=LIBRARY)])])
+        except OSError:
+            self.close()
+            raise
+
+    def add_schema(self, name: str, definition: str) -> int:
+        """Define a message type; its number."""
+        schema = Schema(
+            id=len(self._schemas) + 1, data=definition.encode(), encoding="ros2msg", name=name
+        )
+        self._write(_bytes([schema]))
+        self._schemas.append(schema)
+        return schema.id
+
+    def add_channel(self, topic: str, schema: int, metadata: Mapping[str, str]) -> int:
+        """Define a topic with the number of its type; its number."""
+        number = len(self._channels) + 1
+        channel = Channel(
+            id=number,
+            topic=topic,
+            message_encoding="cdr",
+            metadata=dict(metadata),
+            schema_id=schema,
+        )
+        self._write(_bytes([channel]))
+        self._channels.append(channel)
+        return number
+
+    def add_metadata(self, name: str, metadata: Mapping[str, str]) -> None:
+        """Add a record of texts."""
+        (data,) = _bytes([Metadata(name=name, metadata=dict(metadata))])
+        index = MetadataIndex(offset=self.size, length=len(data), name=name)
+        self._write([data])
+        self._metadata.append(index)
+
+    def add_chunk(
+        self, records: bytearray, index: Mapping[int, bytearray], start: int, end: int
+    ) -> None:
+        """Add message records with, per channel, their index entries; log times from–to in ns.
+
+        All of it or, where this raises, nothing is in the file.
+        """
+        checksum = zlib.crc32(records)
+        stored = self._compressor.compress(records) if self._compression else records
+        name = self._compression.encode()
+        rest = _CHUNK.size - 9 + 4 + len(name) + 8 + len(stored)
+        head = (
+            _CHUNK.pack(Opcode.CHUNK, rest, start, end, len(records), checksum)
+            + struct.pack("<I", len(name))
+            + name
+            + struct.pack("<Q", len(stored))
+        )
+        parts: list[bytes | bytearray] = [head, stored]
+        offsets = {}
+        at = self.size + len(head) + len(stored)
+        length = 0
+        for channel, entries in index.items():
+            if entries:
+                offsets[channel] = at + length
+                parts.append(
+                    _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries))
+                )
+                parts.append(entries)
+                length += _INDEX.size + len(entries)
+        found = ChunkIndex(
+            chunk_length=len(head) + len(stored),
+            chunk_start_offset=self.size,
+            compression=self._compression,
+            compressed_size=len(stored),
+            message_end_time=end,
+            message_index_length=length,
+            message_index_offsets=offsets,
+            message_start_time=start,
+            uncompressed_size=len(records),
+        )
+        self._write(parts)
+        self._chunks.append(found)
+        for channel, entries in index.items():
+            count = len(entries) // INDEX_ENTRY.size
+            self._counts[channel] = self._counts.get(channel, 0) + count
+
+    def finish(self) -> None:
+        """Write the end of the file, with what readers look messages up by."""
+        begin = self.size + 13  # behind the end of the data
+        summary = bytearray()
+        offsets: list[SummaryOffset] = []
+        for code, records in (
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.METADATA_INDEX, self._metadata),
+        ):
+            at = begin + len(summary)
+            for data in _bytes(records):
+                summary += data
+            length = begin + len(summary) - at
+            if length:
+                offsets.append(
+                    SummaryOffset(group_opcode=code, group_start=at, group_length=length)
+                )
+        offsets_at = begin + len(summary)
+        for data in _bytes(offsets):
+            summary += data
+        ending = struct.pack("<BQQQ", Opcode.FOOTER, 20, begin, offsets_at)
+        footer = Footer(
+            summary_start=begin,
+            summary_offset_start=offsets_at,
+            summary_crc=zlib.crc32(ending, zlib.crc32(summary)),
+        )
+        self._write(
+            [*_bytes([DataEnd(data_section_crc=0)]), summary, *_bytes([footer]), MCAP0_MAGIC]
+        )
+
+    def close(self) -> None:
+        """Release the file; a second call does nothing."""
+        file, self._file = self._file, -1
+        if file >= 0:
+            os.close(file)
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+
+    def _write(self, parts: list[bytes | bytearray]) -> None:
+        """Append all parts, or leave the file as it was and raise."""
+        left = [memoryview(part) for part in parts]
+        try:
+            while left:
+                written = os.writev(self._file, left[:512])
+                while left and written >= len(left[0]):
+                    written -= len(left.pop(0))
+                if written:
+                    left[0] = left[0][written:]
+        except OSError:
+            os.ftruncate(self._file, self.size)
+            os.lseek(self._file, self.size, os.SEEK_SET)
+            raise
+        self.size += sum(map(len, parts))
+
+
+def _bytes(records: Iterable[McapRecord]) -> list[bytes | bytearray]:
+    """The records as they stand in a file."""
+    found: list[bytes | bytearray] = []
+    for record in records:
+        builder = RecordBuilder()
+        record.write(builder)
+        found.append(bytes(builder.end()))
+    return found
