@@ -83,7 +83,8 @@ class Connector:
 
         Args:
             sample: (NSAMPLE,) poses, twists and loads, SI units, world axes (core/layout.py).
-            h: seconds since the previous sample; used only where the scene's period is 0.
+            h: seconds since the previous sample; 0: a period. It is also the time the wrench will
+                be held where the scene's period is 0.
             out: (NOUT,) where to put the answer; a new array by default.
 
         Returns
@@ -94,6 +95,8 @@ class Connector:
         """
         if out is None:
             out = np.empty(layout.NOUT)
+        if h > 0.0 and self._mem[model.LAST_PERIOD] > 0.0:
+            self._mem[model.LAST_PERIOD] = h
         self._steps.step(self._method, self._par, self._mem, sample, self._period or h, out)
         return out
 

@@ -22,6 +22,8 @@ def describe_model(scene: Scene, method: str) -> str:
     idea = f": {_IDEAS[method]}" if method in _IDEAS else ""
     parts = [f"method {method}" + (" (auto)" if scene.method == "auto" else "") + idea]
     left_out = []
+    if scene.latency != 0:
+        parts.append(_latency(scene))
     for name, body in (("A", scene.body_a), ("B", scene.body_b)):
         parts.append(f"body {name} {body.kind}")
         if body.kind in ("fixed", "driven"):
@@ -37,6 +39,17 @@ def describe_model(scene: Scene, method: str) -> str:
     if not any(scene.gravity):
         left_out.append("gravity")
     return "; ".join(parts) + ("; left out: " + ", ".join(left_out) if left_out else "")
+
+
+def _latency(scene: Scene) -> str:
+    if "unknown" in (scene.body_a.kind, scene.body_b.kind):
+        lag = 1 + 2 * scene.latency
+        return (
+            f"wrenches {scene.latency} samples late, inertia unknown: "
+            f"stiffness lowered to 1/{lag**2}, damping to 1/{lag}"
+        )
+    how = "as measured" if scene.latency < 0 else f"{scene.latency} samples"
+    return f"answers for the state when the wrench acts, {how} after the sample"
 
 
 def _friction(friction: Friction) -> str:

@@ -82,6 +82,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     for k, imposed in enumerate((scene.command.slide, scene.command.spin)):
         at = model.COMMAND + 3 * k
         par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
+    par[model.LATENCY] = 0.0 if plant else scene.latency
     par[model.TABLE :] = table
     return par
 
@@ -190,4 +191,14 @@ def _penalty(scene: Scene, method: str) -> list[float]:
             greatest = max(friction.coefficient, np.nan_to_num(friction.static_coefficient))
             stick = greatest * abs(friction.preload) / allowed or stick
     stick_damping = gains.damping * stick / gains.stiffness
-    return [gains.stiffness, swing, gains.damping, swing_damping, float(stick), stick_damping]
+    # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the
+    # spring's goes with the square, to keep the ratio of damping.
+    lag = 1.0 + 2.0 * scene.latency if "unknown" in (scene.body_a.kind, scene.body_b.kind) else 1.0
+    return [
+        gains.stiffness / lag**2,
+        swing / lag**2,
+        gains.damping / lag,
+        swing_damping / lag,
+        float(stick) / lag**2,
+        stick_damping / lag,
+    ]

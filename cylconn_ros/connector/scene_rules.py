@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cylconn_ros.connector.parameters import SceneError, show
+from cylconn_ros.core import model
 
 if TYPE_CHECKING:
     from cylconn_ros.connector.scene import Body, Friction, Scene
 
 
 # Parts of the public face that no method answers to yet: refused rather than ignored.
-NOT_SERVED = ("tolerance", "latency")
+NOT_SERVED = ("tolerance",)
 # Bounds on slide and spin, and the method that has none.
 BOUNDS = ("stops.", "lock.", "command.slide.position", "command.slide.velocity",
           "command.spin.position", "command.spin.velocity")  # fmt: skip
@@ -44,12 +45,28 @@ def _check_served(scene: Scene) -> None:
     for name, value in scene.parameters().items():
         if name.startswith(NOT_SERVED) and show(value) != show(rules[name].default):
             raise SceneError(f"{name} = {show(value)}: is not served by this version; leave it out")
+        if name == "latency":
+            _check_latency(scene)
         bound = scene.method == WITHOUT_BOUNDS and name.startswith(BOUNDS)
         if bound and show(value) != show(rules[name].default):
             raise SceneError(
                 f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
                 "motion; leave it out, or use impulse"
             )
+
+
+def _check_latency(scene: Scene) -> None:
+    if scene.latency > model.MOST_LATE:
+        raise SceneError(
+            f"latency = {scene.latency}: must be at most {model.MOST_LATE} samples; a longer delay "
+            "wants a longer period"
+        )
+    unknown = [body.frame for body in scene.bodies if body.kind == "unknown"]
+    if scene.latency < 0 and unknown:
+        raise SceneError(
+            f"latency = -1: cannot be measured with a body of unknown inertia ({unknown[0]}); "
+            "give the number of samples, or mass and inertia"
+        )
 
 
 def _check_bodies(scene: Scene) -> None:

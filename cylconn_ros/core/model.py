@@ -34,7 +34,9 @@ LOCK: Final = 93  # component (0 none, 1 slide, 2 spin), position, force (NaN: n
 COMMAND: Final = 96  # of slide, of spin: position, velocity, force (NaN: not imposed)
 AUGMENTED: Final = 102  # share of the spring's force that the multiplier takes over (NaN: chosen)
 BAUMGARTE: Final = 103  # alpha, beta (NaN: from the period), regularisation velocity
-TABLE: Final = 106  # rates, forces, values
+LATENCY: Final = 106  # periods from a sample to the action of its wrench; -1: measured
+TABLE: Final = 107  # rates, forces, values
+MOST_LATE: Final = 8  # periods
 
 # --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration
@@ -72,7 +74,13 @@ MULTIPLIER: Final = 69  # 4, of the augmented Lagrangian: f2, f3, m2, m3
 GUARD: Final = 73  # 2 x 18, of its gains on offsets and swings: methods/guard.py
 INTEGRATED: Final = 109  # 2: misfit of positions to exact and to semi-implicit integration, m^2
 LAST_VELOCITIES: Final = 111  # of the mass centres, 2 x 3, world axes
-NMEM: Final = 117
+SENT: Final = 117  # the wrenches of the last MOST_LATE + 1 periods, newest first: forces and
+#                    torques about the mass centres of A, of B, world axes
+AHEAD: Final = 225  # the sample when its wrench acts (core/ahead.py)
+MISFIT: Final = 263  # of every latency, N^2
+LATE: Final = 272  # the latency measured, periods
+SEEN: Final = 273  # 2 x 3, velocities of the mass centres in the last sample
+NMEM: Final = 279
 
 
 class Output(NamedTuple):

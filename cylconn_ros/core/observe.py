@@ -6,7 +6,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Body, Motion, at_com
-from cylconn_ros.core.compiled import inline
+from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.kinematics import (
     Frame,
@@ -207,6 +207,26 @@ def _account(mem: Array, m: Motion, at: int, h: float) -> None:
         mem[model.EXCHANGED] += abs(work)
     model.put(mem, at + 6, m.com)
     model.put(mem, at + 9, m.spin)
+
+
+@jit
+def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Array) -> None:
+    """Write the kinematic part of ``out`` for a sample that was answered ``early`` seconds ahead."""
+    nodes = model.nodes(par)
+    a = _motion(model.body(par, model.BODY_A), sample, out_at.A_POSE, out_at.A_TWIST)
+    b = _motion(model.body(par, model.BODY_B), sample, out_at.B_POSE, out_at.B_TWIST)
+    f = frame(nodes, a, b)
+    rates = relative_twist(f, a, b)
+    position = into(f.axes, f.d)
+    angle, m2, m3, _ = angles(_orientation(par, mem, nodes, a, b))
+    angle, _ = unwrapped(angle, mem[model.LAST_ANGLE] - early * rates.w[0])
+    error = (
+        position[1] - mem[model.TARGET],
+        position[2] - mem[model.TARGET + 1],
+        mem[model.TARGET + 2] - m2,
+        mem[model.TARGET + 3] - m3,
+    )
+    _write(par, mem, out, position, angle, (m2, m3), rates, error)
 
 
 @inline

@@ -36,7 +36,8 @@ def step(
 
 
 @inline
-def _motion(body: Body, state: Array, at: int) -> Motion:
+def motion_of(body: Body, state: Array, at: int) -> Motion:
+    """A body's motion at its mass centre, from its pose and twist in ``state``."""
     return at_com(
         body,
         model.vector(state, at),
@@ -50,14 +51,37 @@ def _motion(body: Body, state: Array, at: int) -> Motion:
 def _advance(
     par: Array, body: Body, state: Array, at: int, wrench: Array, loads: Array, load: int, h: float
 ) -> None:
+    """Advance a body under a wrench as published."""
     o = model.output(par)
-    m = _motion(body, state, at)
+    m = motion_of(body, state, at)
     force, torque = model.vector(wrench, 0), model.vector(wrench, 3)
     axes = matrix(m.orientation)
     if not o.world_axes:
         force, torque = out_of(axes, force), out_of(axes, torque)
     if not o.at_com:
         torque = sub(torque, cross(out_of(axes, body.com), force))
+    advanced(par, body, state, at, force, torque, loads, load, h)
+
+
+@jit
+def advanced(
+    par: Array,
+    body: Body,
+    state: Array,
+    at: int,
+    force: Vector,
+    torque: Vector,
+    loads: Array,
+    load: int,
+    h: float,
+) -> None:
+    """Advance the body at ``at`` in ``state`` by h under a wrench about its mass centre.
+
+    The wrench is in world axes; the load at ``load`` in ``loads`` acts besides gravity.
+    """
+    o = model.output(par)
+    m = motion_of(body, state, at)
+    axes = matrix(m.orientation)
     force = add(force, model.vector(loads, load))
     torque = add(torque, model.vector(loads, load + 3))
     torque = sub(torque, cross(out_of(axes, body.com), model.vector(loads, load)))
@@ -113,7 +137,7 @@ def energy(par: Array, state: Array) -> float:
         (model.body(par, model.BODY_B), layout.B_POSE),
     ):
         if body.free:
-            m = _motion(body, state, at)
+            m = motion_of(body, state, at)
             w = into(matrix(m.orientation), m.spin)
             total += 0.5 * body.mass * dot(m.velocity, m.velocity)
             total += 0.5 * dot(w, times(body.inertia, w))
@@ -130,7 +154,7 @@ def momentum(par: Array, state: Array) -> tuple[float, float, float, float, floa
         (model.body(par, model.BODY_B), layout.B_POSE),
     ):
         if body.free:
-            m = _motion(body, state, at)
+            m = motion_of(body, state, at)
             axes = matrix(m.orientation)
             spin = out_of(axes, times(body.inertia, into(axes, m.spin)))
             p = add_scaled(p, body.mass, m.velocity)

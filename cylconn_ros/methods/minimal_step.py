@@ -4,19 +4,22 @@ An entry of its own: an integrator makes arrays and takes long to compile, which
 other methods are not to wait for.
 """
 
+from cylconn_ros.core.ahead import is_late
 from cylconn_ros.core.compiled import entry_that_allocates
 from cylconn_ros.core.friction import Array
 from cylconn_ros.methods import minimal
-from cylconn_ros.methods.step import begun, ended
+from cylconn_ros.methods.step import AHEAD, begun, ended
 
 
 @entry_that_allocates
 def step(_method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Answer one sample: see :func:`cylconn_ros.methods.step.step`."""
-    status = begun(sample, h, out)
+    status = begun(par, mem, sample, h, out)
     if status != 0:
         return status
-    return ended(mem, h, minimal.step(par, mem, sample, h, out), out)
+    now = mem[AHEAD] if is_late(par) else sample
+    flags = minimal.step(par, mem, now, h, out)
+    return ended(par, mem, sample, h, flags, out)
 
 
 @entry_that_allocates

@@ -5,9 +5,10 @@ from typing import Final
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
+from cylconn_ros.core.ahead import is_late, periods_late, predict, remember_sent
 from cylconn_ros.core.compiled import entry, inline
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.observe import status_of
+from cylconn_ros.core.observe import status_of, write_measured
 from cylconn_ros.methods import augmented_lagrangian, baumgarte, impulse, penalty
 
 IMPULSE: Final = 0
@@ -24,6 +25,9 @@ NAMES: Final[dict[str, int]] = {
 }
 
 
+AHEAD: Final = slice(model.AHEAD, model.AHEAD + out_at.NSAMPLE)
+
+
 @inline
 def _nothing(out: Array, status: int) -> None:
     """A zero wrench and the reason."""
@@ -33,20 +37,33 @@ def _nothing(out: Array, status: int) -> None:
 
 
 @inline
-def begun(sample: Array, h: float, out: Array) -> int:
-    """Whether a sample can be answered: OK with ``out`` empty, or why the wrench is zero."""
+def begun(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
+    """Whether a sample can be answered: OK with ``out`` empty, or why the wrench is zero.
+
+    Where wrenches act late, the sample to be answered is then the one at AHEAD in ``mem``.
+    """
     status = status_of(sample)
     if status == out_at.OK and not h > 0.0:
         status = out_at.NO_PERIOD
     _nothing(out, status)  # what a method leaves out is zero, whatever stood there
+    if is_late(par):
+        if status == out_at.OK:
+            predict(par, mem, sample, h)
+            status = status_of(mem[model.AHEAD : model.AHEAD + out_at.NSAMPLE])
+            out[out_at.STATUS] = status
+        if status != out_at.OK:
+            remember_sent(mem, False)
     return status
 
 
 @inline
-def ended(mem: Array, h: float, flags: int, out: Array) -> int:
-    """Close an answer: its status, which is not OK where a wrench is not finite."""
+def ended(par: Array, mem: Array, sample: Array, h: float, flags: int, out: Array) -> int:
+    """Close an answer: its status, which is not OK where anything in it is not finite."""
     out[out_at.FLAGS] = flags
     mem[model.LAST_PERIOD] = h
+    if is_late(par):
+        write_measured(par, mem, sample, h * periods_late(par, mem), out)
+        remember_sent(mem, True)
     for k in range(out_at.REGIME):
         if not math.isfinite(out[k]):
             _nothing(out, out_at.NOT_FINITE)
@@ -69,18 +86,19 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
     Returns the status: OK, or why the wrench is zero. A sample that cannot be used leaves ``mem``
     as it was.
     """
-    status = begun(sample, h, out)
+    status = begun(par, mem, sample, h, out)
     if status != out_at.OK:
         return status
+    now = mem[AHEAD] if is_late(par) else sample
     if method == IMPULSE:
-        flags = impulse.step(par, mem, sample, h, out)
+        flags = impulse.step(par, mem, now, h, out)
     elif method == PENALTY:
-        flags = penalty.step(par, mem, sample, h, out)
+        flags = penalty.step(par, mem, now, h, out)
     elif method == AUGMENTED_LAGRANGIAN:
-        flags = augmented_lagrangian.step(par, mem, sample, h, out)
+        flags = augmented_lagrangian.step(par, mem, now, h, out)
     else:
-        flags = baumgarte.step(par, mem, sample, h, out)
-    return ended(mem, h, flags, out)
+        flags = baumgarte.step(par, mem, now, h, out)
+    return ended(par, mem, sample, h, flags, out)
 
 
 @entry
