@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cylconn_ros.connector.parameters import SceneError, show
-from cylconn_ros.core import model
+from cylconn_ros.core import layout
 
 if TYPE_CHECKING:
     from cylconn_ros.connector.scene import Body, Friction, Scene
@@ -56,10 +56,10 @@ def _check_served(scene: Scene) -> None:
 
 
 def _check_latency(scene: Scene) -> None:
-    if scene.latency > model.MOST_LATE:
+    if scene.latency > layout.MOST_LATE:
         raise SceneError(
-            f"latency = {scene.latency}: must be at most {model.MOST_LATE} samples; a longer delay "
-            "wants a longer period"
+            f"latency = {scene.latency}: must be at most {layout.MOST_LATE} samples; "
+            "a longer delay wants a longer period"
         )
     unknown = [body.frame for body in scene.bodies if body.kind == "unknown"]
     if scene.latency < 0 and unknown:

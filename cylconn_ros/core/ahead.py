@@ -18,7 +18,8 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.bodies import Body
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.model import MOST_LATE
+from cylconn_ros.core.layout import MOST_LATE
+from cylconn_ros.core.observe import observe
 from cylconn_ros.core.plant import advanced, motion_of
 from cylconn_ros.core.vectors import Vector, add_scaled, dot, normalised, scale, sub
 
@@ -51,8 +52,11 @@ def remember_sent(mem: Array, acted: bool) -> None:
 
 
 @jit
-def predict(par: Array, mem: Array, sample: Array, h: float) -> None:
-    """Write the sample as it will be when its wrench acts into ``mem`` at AHEAD."""
+def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None:
+    """Write the sample as it will be when its wrench acts into ``mem`` at AHEAD.
+
+    A first sample is the reference configuration as it is; ``out`` is then written to on the way.
+    """
     here = mem[model.AHEAD : model.AHEAD + layout.NSAMPLE]
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     gone = 1
@@ -70,6 +74,9 @@ def predict(par: Array, mem: Array, sample: Array, h: float) -> None:
     if par[model.LATENCY] < 0.0:
         _measure(par, mem, here, body_a, body_b, h, gone == 1)
     late = periods_late(par, mem)
+    if mem[model.STARTED] == 0.0:
+        observe(par, mem, here, out)
+        mem[model.LAST_PERIOD] = late * h
     for i in range(late):
         at = model.SENT + 12 * (late - 1 - i)
         for k in range(2):

@@ -17,6 +17,7 @@ B_TWIST: Final = 20
 A_LOAD: Final = 26  # force (N), torque about the origin (N.m), world axes, besides gravity
 B_LOAD: Final = 32
 NSAMPLE: Final = 38
+MOST_LATE: Final = 8  # periods by which a wrench may act after its sample
 MOTION: Final = slice(0, 26)  # the part of a sample that is the plant's state
 LOADS: Final = slice(26, 38)
 

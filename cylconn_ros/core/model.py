@@ -36,7 +36,6 @@ AUGMENTED: Final = 102  # share of the spring's force that the multiplier takes 
 BAUMGARTE: Final = 103  # alpha, beta (NaN: from the period), regularisation velocity
 LATENCY: Final = 106  # periods from a sample to the action of its wrench; -1: measured
 TABLE: Final = 107  # rates, forces, values
-MOST_LATE: Final = 8  # periods
 
 # --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration

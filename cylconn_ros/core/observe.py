@@ -211,7 +211,7 @@ def _account(mem: Array, m: Motion, at: int, h: float) -> None:
 
 @jit
 def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Array) -> None:
-    """Write the kinematic part of ``out`` for a sample that was answered ``early`` seconds ahead."""
+    """Write the kinematic part of ``out`` for a sample answered ``early`` seconds ahead."""
     nodes = model.nodes(par)
     a = _motion(model.body(par, model.BODY_A), sample, out_at.A_POSE, out_at.A_TWIST)
     b = _motion(model.body(par, model.BODY_B), sample, out_at.B_POSE, out_at.B_TWIST)

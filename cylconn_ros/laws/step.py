@@ -146,9 +146,17 @@ def _ahead(p: Parameters, m: Motion) -> Motion:
 
 
 def _pull(p: Parameters, o: Observed) -> tuple[Array, Array]:
-    """-e/h, offsets and swings each no faster than their pull-in speed: (n, 4) and its size."""
+    """-e/h, offsets and swings each no faster than their pull-in speed: (n, 4) and its size.
+
+    To that speed comes what a step's own error needs, (|w| h)^2 |w|, of the arms for offsets; from
+    |w| h = 0.5 on less, from 0.75 on nothing.
+    """
+    spin = np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
+    own = np.clip(3.0 - 4.0 * spin * p.h, 0.0, 1.0) * (spin * p.h) ** 2 * spin
+    arms = rigid.norm(o.frame.arm_a) + rigid.norm(o.frame.arm_b)
+    limits = p.pull_in_speed + own * arms, p.pull_in_rate + own
     pulled, size = [], []
-    for rows, greatest in ((slice(0, 2), p.pull_in_speed), (slice(2, 4), p.pull_in_rate)):
+    for rows, greatest in zip((slice(0, 2), slice(2, 4)), limits, strict=True):
         e, terms = o.error[:, rows], o.error_size[:, rows]
         long = _column(rigid.norm(e))
         far = long > _column(greatest * p.h)

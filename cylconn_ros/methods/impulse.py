@@ -206,8 +206,10 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> T
 def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -> tuple[Four, bool]:
     """target_c, and whether an error is being pulled in at its bounded speed."""
     e, w = o.error, o.twist
-    y, z, far_offset = pulled(e[0], e[1], h, par[model.PULL_IN])
-    p2, p3, far_angle = pulled(e[2], e[3], h, par[model.PULL_IN + 1])
+    own = _own_rate(o, h)
+    arms = norm(o.frame.arm_a) + norm(o.frame.arm_b)
+    y, z, far_offset = pulled(e[0], e[1], h, par[model.PULL_IN] + own * arms)
+    p2, p3, far_angle = pulled(e[2], e[3], h, par[model.PULL_IN + 1] + own)
     keep = 0.0 if explicit else 0.5
     target = (
         y - keep * w.v[1] - turning.v[1],
@@ -216,6 +218,18 @@ def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -
         p3 - keep * w.w[2] - turning.w[2],
     )
     return target, far_offset or far_angle
+
+
+@inline
+def _own_rate(o: Observed, h: float) -> float:
+    """The rate at which a step's own error, up to (|w| h)^3 of the arms, is to be removed.
+
+    None where one wrench a sample cannot hold the constraint: there it would feed the motion.
+    """
+    spin = max(norm(o.a.spin), norm(o.b.spin))
+    turn = spin * h
+    held = min(max(3.0 - 4.0 * turn, 0.0), 1.0)  # from |w| h = 0.5 to 0.75
+    return held * turn * turn * spin
 
 
 @inline

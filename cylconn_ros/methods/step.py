@@ -48,7 +48,7 @@ def begun(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     _nothing(out, status)  # what a method leaves out is zero, whatever stood there
     if is_late(par):
         if status == out_at.OK:
-            predict(par, mem, sample, h)
+            predict(par, mem, sample, h, out)
             status = status_of(mem[model.AHEAD : model.AHEAD + out_at.NSAMPLE])
             out[out_at.STATUS] = status
         if status != out_at.OK:
