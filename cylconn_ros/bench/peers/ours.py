@@ -13,11 +13,12 @@ import numpy as np
 
 from cylconn_ros.bench.methods import METHODS, served_by, with_period
 from cylconn_ros.bench.minimal import Prepared
-from cylconn_ros.bench.peers.task import Contestant, Read, Solve, Task
+from cylconn_ros.bench.peers import loop
+from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task
 from cylconn_ros.connector.packing import pack
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.scene import Scene
-from cylconn_ros.core import layout, model
+from cylconn_ros.core import layout, model, plant
 from cylconn_ros.methods.step import NAMES
 
 ABOUT = {
@@ -37,14 +38,11 @@ class Loop:
 
     def __init__(self, scene: Scene, steps: int) -> None:
         method = scene.method
-        if method == "minimal":
-            from cylconn_ros.bench.peers.minimal_loop import closed
-        else:
-            from cylconn_ros.bench.peers.loop import closed
-        self.closed, self.method, self.steps = closed, NAMES[method], steps
-        plant = Plant(scene)
+        self.closed = _live_minimal if method == "minimal" else loop.closed
+        self.method, self.steps = NAMES[method], steps
+        moved = Plant(scene)
         self.par, self.of_plant = pack(scene), pack(scene, plant=True)
-        self.start, self.loads, self.h = plant.state.copy(), plant.loads, scene.period
+        self.start, self.loads, self.h = moved.state.copy(), moved.loads, scene.period
         self.state = self.start.copy()
         self.mem, self.sample = np.zeros(model.NMEM), np.zeros(layout.NSAMPLE)
         self.a, self.b, self.out = np.zeros(6), np.zeros(6), np.zeros(layout.NOUT)
@@ -59,6 +57,23 @@ class Loop:
             self.a, self.b, self.h, self.steps, self.out,
         )  # fmt: skip
         return lambda: self.state
+
+
+def _live_minimal(
+    method: int, par: Array, of_plant: Array, mem: Array, sample: Array, loads: Array, state: Array,
+    a: Array, b: Array, h: float, steps: int, out: Array,
+) -> int:  # fmt: skip
+    """As loop.closed, from Python: compiling an integrator once more takes a minute."""
+    from cylconn_ros.methods import minimal_step
+
+    good, wrench_a, wrench_b = 0, out[layout.FORCE_A :][:6], out[layout.FORCE_B :][:6]
+    sample[layout.LOADS] = loads
+    motion = sample[layout.MOTION]
+    for _ in range(steps):
+        motion[:] = state
+        good += minimal_step.step(method, par, mem, sample, h, out) == layout.OK
+        plant.step(of_plant, state, wrench_a, wrench_b, loads, h)
+    return good
 
 
 def looped(method: str) -> Callable[[Task], Solve]:
