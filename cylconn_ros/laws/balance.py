@@ -91,8 +91,15 @@ def parts(p: Parameters, o: Observed, s: Step, out: Array, end: Array, size: Arr
         # both in one row: a stiff spring's rounding moves the end of the step for the damper
         both = five[:, 0] + five[:, 1] + spring + damper
         rows.append(ratio(both, spring_size + damper_size))
-    rows += [sums(out), pressed(p, out)]
+    rows += [sums(out), pressed(p, out), driven(p, out)]
     return np.asarray(np.max(rows, axis=0))
+
+
+def driven(p: Parameters, out: Array) -> Array:
+    """A: the imposed force is the commanded one."""
+    wanted = np.where(np.isnan(p.command[:, :, 2]), 0.0, p.command[:, :, 2])
+    given = out[:, [layout.FORCE_ACTUATION, layout.MOMENT_ACTUATION]]
+    return np.asarray(np.max(ratio(given - wanted, np.abs(wanted)), axis=1))
 
 
 def sums(out: Array) -> Array:

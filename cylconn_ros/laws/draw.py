@@ -3,6 +3,10 @@
 A scene is drawn from its own generator, seeded by (seed, number): any one of them can be made
 again alone. Families steer the draw where a regime would otherwise be rare: nothing is taken away
 from the range of the other quantities.
+
+One thing is: an arm from a mass centre to the connector is at most FARTHEST least radii of gyration
+k. The inertia that a force meets there holds 1/m beside r^2/I, so that of its sixteen digits
+2 log10(r/k) are lost: at FARTHEST half of them, beyond it nobody's answer means much.
 """
 
 from __future__ import annotations
@@ -14,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.scene import Scene
-from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.parameters import Bools, Parameters
+from cylconn_ros.laws.chance import Random, decades, direction, generator, orientation
 
 Array = NDArray[np.float64]
-Random = np.random.Generator
-Names = NDArray[np.str_]
+FARTHEST = 1e4
+WITHOUT_BOUNDS = ("baumgarte",)
+WITHOUT_INERTIA = ("penalty", "augmented_lagrangian")
 FAMILIES = ("wide", "sliding", "roots", "wide", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
@@ -31,30 +35,9 @@ KINDS = (
 )
 
 
-def generator(seed: int, number: int) -> Random:
-    """The generator of scene ``number``."""
-    return np.random.default_rng([seed, number])
-
-
 def family(number: int) -> str:
     """The family of scene ``number``."""
     return FAMILIES[number % len(FAMILIES)]
-
-
-def decades(rng: Random, low: float, high: float, size: int | None = None) -> Any:
-    """10 to a power uniform between ``low`` and ``high``."""
-    return 10.0 ** rng.uniform(low, high, size)
-
-
-def direction(rng: Random, n: int) -> Array:
-    """(n, 3) unit vectors, uniform."""
-    v = rng.normal(size=(n, 3))
-    return v / rigid.norm(v)[:, None]
-
-
-def orientation(rng: Random, n: int) -> Array:
-    """(n, 4) quaternions, uniform."""
-    return rigid.normalised(rng.normal(size=(n, 4)))
 
 
 def scene(seed: int, number: int, method: str = "impulse") -> Scene:
@@ -102,7 +85,111 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         values["limits"] = {"force": weight * decades(rng, -2.0, 3.0)}
         if rng.random() < 0.5:
             values["limits"]["torque"] = weight * arm * decades(rng, -2.0, 3.0)
+    more = generator(seed, number, 1)
+    if more.random() < 0.5:
+        values["node_b"]["orientation"] = _list(orientation(more, 1)[0])
+    reach = _within_reach(values)
+    if method in WITHOUT_INERTIA:
+        values["penalty"] = _gains(more, mass, inertia, period)
+    if method in WITHOUT_BOUNDS:
+        values["command"] = {name: _force(more, weight) for name in ("slide", "spin")}
+    elif more.random() < 0.5:
+        _bound(more, values, weight, reach)
     return Scene.from_parameters(values)
+
+
+def _within_reach(values: dict[str, Any]) -> float:
+    """Bring connector, mass centres and gravity within reach; how long the slide may be, m.
+
+    Half of the longest arm is for the node from its mass centre and half for the slide.
+    """
+    reach, fall = math.inf, math.inf
+    for body, node in (("body_a", "node_a"), ("body_b", "node_b")):
+        given = values[body]
+        if given["kind"] != "free":
+            continue
+        k = math.sqrt(least_moment(given["inertia"]) / given["mass"])
+        arm = float(np.linalg.norm(np.subtract(values[node]["position"], given["com"])))
+        share = min(1.0, 0.5 * FARTHEST * k / arm) if arm > 0.0 else 1.0
+        given["com"] = [share * x for x in given["com"]]
+        values[node]["position"] = [share * x for x in values[node]["position"]]
+        fall = min(fall, 0.05 * FARTHEST * k)
+        if body == "body_a":
+            reach = 0.5 * FARTHEST * k
+    way = values["period"] ** 2 * 9.81 / 6.0  # by which weight moves a mass centre's mean
+    values["gravity"] = [min(1.0, fall / way) * x for x in values["gravity"]]
+    return reach
+
+
+def least_moment(elements: list[float]) -> float:
+    """The least principal moment of an inertia tensor."""
+    xx, xy, xz, yy, yz, zz = elements
+    return float(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0])
+
+
+def _gains(rng: Random, mass: float, inertia: float, period: float) -> dict[str, float]:
+    """A spring and a damper, not all of them stable."""
+    soft = decades(rng, -4.0, 0.0)
+    return {
+        "stiffness": float(soft * mass / period**2),
+        "damping": float(soft * mass / period),
+        "rotational_stiffness": float(soft * inertia / period**2),
+        "rotational_damping": float(soft * inertia / period),
+    }
+
+
+def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> None:
+    """Stops, a lock, an imposed motion or force: each now and then, and together."""
+    stops: dict[str, float] = {}
+    given = "orientation" in values["node_b"]  # the angle begins at 0 where it is not
+    middle = float(rng.uniform(-3.0, 3.0)) if given else 0.0
+    for name, chance, at in (
+        ("l", 0.7, min(reach, 10.0) * rng.uniform(-1.0, 1.0) * decades(rng, -3.0, -0.5)),
+        ("theta", 0.5, middle + (0.0 if given else rng.normal() * decades(rng, -6.0, 0.5))),
+    ):
+        if rng.random() > chance:
+            continue
+        room = float(decades(rng, -7.0, 0.5)) * (min(reach, 1.0) if name == "l" else 1.0)
+        which = rng.integers(3)  # lower, upper, both
+        if which != 1:
+            stops[f"{name}_min"] = float(at)
+        if which != 0:
+            stops[f"{name}_max"] = float(at) + room
+    if stops and rng.random() < 0.8:
+        some = (0.0, 1.0, float(rng.random()), float(rng.random()), float(decades(rng, -6.0, 0.0)))
+        stops["restitution"] = some[rng.integers(len(some))]
+    values["stops"] = stops
+    if rng.random() < 0.15:
+        lock: dict[str, Any] = {"component": str(rng.choice(["slide", "spin"]))}
+        if rng.random() < 0.6:
+            lock["position"] = float(rng.normal() * decades(rng, -3.0, 0.0) * min(reach, 1.0))
+        if rng.random() < 0.5 or "position" not in lock:
+            lock["force"] = float(weight * decades(rng, -3.0, 2.0))
+        values["lock"] = lock
+    command: dict[str, Any] = {}
+    for name in ("slide", "spin"):
+        if rng.random() < 0.12:
+            command[name] = _force(rng, weight)
+        elif rng.random() < 0.12:
+            command[name] = _motion(rng, min(reach, 1.0) if name == "slide" else 1.0)
+    values["command"] = command
+    if "reference" in values:  # a constitutive reference has to lie within the stops
+        values["reference"].pop("length", None)
+        values["reference"].pop("angle", None)
+
+
+def _force(rng: Random, weight: float) -> dict[str, float]:
+    return {"force": float(rng.normal() * weight * decades(rng, -3.0, 3.0))}
+
+
+def _motion(rng: Random, reach: float) -> dict[str, float]:
+    motion: dict[str, float] = {}
+    which = rng.integers(3)  # a place, a rate, a place that moves on
+    if which != 1:
+        motion["position"] = float(rng.normal() * decades(rng, -4.0, 0.0) * reach)
+    if which != 0:
+        motion["velocity"] = float(rng.normal() * decades(rng, -4.0, 1.0) * reach)
+    return motion
 
 
 def _bind(rng: Random, values: dict[str, Any]) -> None:
@@ -181,113 +268,3 @@ def _table(rng: Random, mu: float, weight: float) -> dict[str, list[float]]:
     forces = weight * np.cumsum(decades(rng, -2.0, 2.0, columns))
     values = mu * rng.uniform(0.5, 1.5, rows * columns)
     return {"rates": _list(rates), "forces": _list(forces), "values": _list(values)}
-
-
-def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Bools]) -> Array:
-    """(n, NSAMPLE) random samples without loads, one for each row of ``p``.
-
-    B stands where the connector lets it, but for a violation, and moves as it may, but for another.
-
-    Args:
-        family_of: (n,) names of families. fixed: whether A, whether B stands still.
-    """
-    n = len(p.h)
-    sample = np.zeros((n, layout.NSAMPLE))
-    calm = (family_of == "roots") & (rng.random(n) < 0.8)
-    qa, at_a = orientation(rng, n), rng.normal(size=(n, 3))
-    q_node = rigid.multiply(qa, p.axes_a)
-    axes = rigid.matrix(q_node)
-    wrong = np.where(calm[:, None], 0.0, 1.0)
-    tilt = wrong * _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, 0.0, n)[:, None]
-    turn = rigid.multiply(
-        rigid.exp(tilt * np.array([0.0, 1.0, 1.0])),
-        rigid.exp(rng.uniform(-math.pi, math.pi, n)[:, None] * np.array([1.0, 0.0, 0.0])),
-    )
-    given = np.where(np.isnan(p.axes_b[:, :1]), orientation(rng, n), p.axes_b)
-    qb = rigid.normalised(rigid.multiply(rigid.multiply(q_node, turn), rigid.conjugate(given)))
-    offset = wrong * _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, -0.5, n)[:, None]
-    offset[:, 0] = rng.normal(size=n) * decades(rng, -2.0, 0.5, n)
-    arm_a = rigid.out_of(rigid.matrix(qa), p.a.com + p.a.node) + rigid.out_of(axes, offset)
-    arm_b = rigid.out_of(rigid.matrix(qb), p.b.com + p.b.node)
-
-    v, w = _rates(rng, n, calm)
-    still = (rng.random(n) < np.where(family_of == "wide", 0.2, 0.5)) | calm
-    spin_a = direction(rng, n) * np.where(still, 0.0, decades(rng, -3.0, 3.0, n))[:, None]
-    speed_a = direction(rng, n) * decades(rng, -3.0, 1.5, n)[:, None]
-    spin_b = spin_a + rigid.out_of(axes, w)
-    speed_b = speed_a + np.cross(spin_a, arm_a) + rigid.out_of(axes, v) - np.cross(spin_b, arm_b)
-    at_b = at_a + arm_a - arm_b
-    # seen from a body that stands still
-    apart = at_b - at_a
-    from_a, from_b = fixed[0][:, None], fixed[1][:, None]
-    speed_b = np.where(from_a, speed_b - speed_a - np.cross(spin_a, apart), speed_b)
-    speed_a = np.where(from_b, speed_a - speed_b + np.cross(spin_b, apart), speed_a)
-    spin_a, spin_b = (
-        np.where(from_b, spin_a - spin_b, spin_a),
-        np.where(from_a, spin_b - spin_a, spin_b),
-    )
-    put(sample, layout.A_POSE, at_a, qa, np.where(from_a, 0.0, speed_a), spin_a * ~from_a)
-    put(sample, layout.B_POSE, at_b, qb, np.where(from_b, 0.0, speed_b), spin_b * ~from_b)
-    return sample
-
-
-def put(sample: Array, at: int, position: Array, q: Array, speed: Array, spin: Array) -> None:
-    """Write pose and twist of one body into (n, NSAMPLE)."""
-    sample[:, at : at + 13] = np.concatenate([position, q, speed, spin], axis=1)
-
-
-def _sometimes(rng: Random, n: int) -> Array:
-    return rng.choice([0.0, 1.0], n)[:, None]
-
-
-def _rates(rng: Random, n: int, calm: Bools) -> tuple[Array, Array]:
-    """(n, 3) v and w of b against a: slide and spin at will, the others mostly small."""
-    wrong = rng.choice([0.0, 1.0, 1.0], n)[:, None] * decades(rng, -9.0, 0.0, n)[:, None]
-    wrong = np.where(calm[:, None], 1e-3 * wrong, wrong)
-    v, w = wrong * rng.normal(size=(n, 3)), wrong * rng.normal(size=(n, 3))
-    v[:, 0] = rng.normal(size=n) * decades(rng, -4.0, 2.0, n)
-    w[:, 0] = rng.normal(size=n) * decades(rng, -3.0, 2.8, n) * np.where(calm, 1e-2, 1.0)
-    quiet = rng.random((2, n)) < np.where(calm, 0.0, 0.15)
-    v[quiet[0], 0] = 0.0
-    w[quiet[1], 0] = 0.0
-    return v, w
-
-
-def load(rng: Random, p: Parameters, sample: Array, family_of: Names) -> None:
-    """Draw the loads of (n, NSAMPLE) samples anew, in place.
-
-    In the family ``roots`` the load bends B against the arm of friction about its mass centre:
-    bending then first falls and later grows with friction, which is what gives several solutions.
-    """
-    n = len(sample)
-    for at, body in ((layout.A_LOAD, p.a), (layout.B_LOAD, p.b)):
-        mass = np.where(body.free, 1.0 / np.where(body.free, body.inverse_mass, 1.0), 0.0)
-        force = 9.81 * mass * decades(rng, -3.0, 3.0, n)
-        moment = force * decades(rng, -3.0, 0.5, n)
-        sample[:, at : at + 3] = direction(rng, n) * (force * rng.choice([0, 1], n))[:, None]
-        sample[:, at + 3 : at + 6] = direction(rng, n) * (moment * rng.choice([0, 1], n))[:, None]
-    rows = np.flatnonzero((family_of == "roots") & p.b.free & (rng.random(n) < 0.8))
-    if not len(rows):
-        return
-    q, sub = p.take(rows), sample[rows]
-    a, b = (
-        rigid.matrix(rigid.multiply(rigid.normalised(sub[:, 3:7]), q.axes_a)),
-        rigid.matrix(rigid.normalised(sub[:, 16:20])),
-    )
-    arm, com = rigid.out_of(b, q.b.node), rigid.out_of(b, q.b.com)
-    slide = rigid.dot(a[:, :, 0], sub[:, 20:23] - sub[:, 7:10])
-    axis = np.cross(arm, a[:, :, 0])
-    weight = 9.81 / q.b.inverse_mass
-    force = direction(rng, len(rows)) * (weight * decades(rng, -3.0, 1.0, len(rows)))[:, None]
-    moment = (
-        axis
-        * (
-            np.sign(slide)
-            * np.maximum(q.kinetic, 0.01)
-            * (weight + np.abs(q.preload))
-            * decades(rng, -0.5, 2.5, len(rows))
-        )[:, None]
-    )
-    sample[rows, layout.A_LOAD : layout.B_LOAD] = 0.0
-    sample[rows, layout.B_LOAD : layout.B_LOAD + 3] = force
-    sample[rows, layout.B_LOAD + 3 : layout.NSAMPLE] = moment + np.cross(com, force)

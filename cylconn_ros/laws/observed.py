@@ -29,6 +29,15 @@ class History(Rows):
     angle: Array  # (n,) the last angle, its rate and the period it was followed by
     spin: Array
     period: Array
+    pending: Array  # (n, 2) the side of an impact that has its second step to come: -1, 1; 0: none
+    leaving: Array  # (n, 2) the rate that it leaves with
+    bounce: Array  # (n,) its coefficient
+    unsure: Bools  # whether there is one could not be known
+    locked: Bools
+    locked_at: Array
+    lock_last: Array  # (n,) where the component that may lock was
+    total: Array  # (n, 2) f1, m1 of the last answer
+    imposed_at: Array  # (n, 2) where imposed motions have got to
 
 
 def no_history(n: int) -> History:
@@ -43,6 +52,15 @@ def no_history(n: int) -> History:
         angle=np.zeros(n),
         spin=np.zeros(n),
         period=np.zeros(n),
+        pending=np.zeros((n, 2)),
+        leaving=np.zeros((n, 2)),
+        bounce=np.zeros(n),
+        unsure=np.zeros(n, dtype=np.bool_),
+        locked=np.zeros(n, dtype=np.bool_),
+        locked_at=np.zeros(n),
+        lock_last=np.zeros(n),
+        total=np.zeros((n, 2)),
+        imposed_at=np.zeros((n, 2)),
     )
 
 
@@ -167,9 +185,14 @@ def _held_rows(p: Parameters) -> Bools:
     return np.stack(hold, axis=1)
 
 
-def remember(p: Parameters, o: Observed, past: History, stick: Bools) -> History:
-    """The history after the sample ``o`` was answered; ``stick``: the answers' regime."""
-    return History(
+def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
+    """The history after the sample ``o`` was answered by ``out`` (n, NOUT).
+
+    What bounds on slide and spin remember is not in it yet: :func:`cylconn_ros.laws.bounds.after`.
+    """
+    stick = out[:, layout.REGIME] == layout.STICK
+    return dataclasses.replace(
+        past,
         started=np.ones_like(past.started),
         target=o.target,
         axes_b=_axes_b(p, o.a, o.b, past),
@@ -179,4 +202,5 @@ def remember(p: Parameters, o: Observed, past: History, stick: Bools) -> History
         angle=o.place[:, 1],
         spin=o.w[:, 3],
         period=p.h,
+        total=out[:, [layout.FORCE, layout.MOMENT]],
     )

@@ -75,6 +75,23 @@ class Parameters(Rows):
     at_com: Bools
     force_limit: Array
     torque_limit: Array
+    stops: Array  # (n, 2, 2) of slide, of spin: lower and upper; infinite: none
+    restitution: Array
+    lock: NDArray[np.intp]  # (n,) which component locks; -1: none
+    lock_position: Array  # NaN: no such criterion
+    lock_force: Array
+    command: Array  # (n, 2, 3) of slide, of spin: position, velocity, force; NaN: not imposed
+
+    @property
+    def bounded(self) -> Bools:
+        """(n,) whether anything but friction can hold slide or spin."""
+        stops = np.isfinite(self.stops).any(axis=(1, 2))
+        return np.asarray(stops | (self.lock >= 0) | self.imposed.any(axis=1))
+
+    @property
+    def imposed(self) -> Bools:
+        """(n, 2) whether a motion is imposed."""
+        return ~np.isnan(self.command[:, :, :2]).all(axis=2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +148,27 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         at_com=np.array([s.wrench.point == "com" for s in scenes]),
         force_limit=_column([s.limits.force for s in scenes]),
         torque_limit=_column([s.limits.torque for s in scenes]),
+        stops=np.array([_stops(s) for s in scenes]),
+        restitution=_column([s.stops.restitution for s in scenes]),
+        lock=np.array([("none", "slide", "spin").index(s.lock.component) - 1 for s in scenes]),
+        lock_position=_column([s.lock.position for s in scenes]),
+        lock_force=_column([s.lock.force for s in scenes]),
+        command=np.array([_command(s) for s in scenes]),
     )
+
+
+def _stops(scene: Scene) -> list[list[float]]:
+    given = scene.stops
+    pairs = (given.l_min, given.l_max), (given.theta_min, given.theta_max)
+    return [
+        [-math.inf if math.isnan(low) else low, math.inf if math.isnan(high) else high]
+        for low, high in pairs
+    ]
+
+
+def _command(scene: Scene) -> list[list[float]]:
+    given = scene.command.slide, scene.command.spin
+    return [[each.position, each.velocity, each.force] for each in given]
 
 
 def _column(values: Sequence[object]) -> Array:

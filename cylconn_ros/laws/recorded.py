@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.matching import SampleMatcher
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
+from cylconn_ros.laws.bounds import after, bounds
 from cylconn_ros.laws.observed import History, no_history, observe, remember
 from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
 from cylconn_ros.laws.residual import Block
@@ -69,13 +70,12 @@ class Recorded:
 def _history(p: Parameters, one: Parameters, sample: Array, out: Array) -> History:
     """The history before each of the samples of one connector since its start."""
     n = len(sample)
-    first = remember(
-        one, observe(one, sample[:1], no_history(1)), no_history(1), np.zeros(1, dtype=np.bool_)
-    )
+    first = remember(one, observe(one, sample[:1], no_history(1)), no_history(1), out[:1])
     past = first.take(np.zeros(n, dtype=np.intp))
-    past.started[0] = False
+    past.started[0], past.stuck[0] = False, 0.0
     past.angle[1:], past.spin[1:] = out[:-1, layout.ANGLE], out[:-1, layout.ANGULAR_VELOCITY]
     past.period[1:], past.period[0] = p.h[:-1], 0.0
+    past.total[1:], past.total[0] = out[:-1, [layout.FORCE, layout.MOMENT]], 0.0
     stick = out[:, layout.REGIME] == layout.STICK
     for k in range(1, n):
         past.stuck[k] = past.stuck[k - 1] + 1.0 if stick[k - 1] else 0.0
@@ -84,6 +84,31 @@ def _history(p: Parameters, one: Parameters, sample: Array, out: Array) -> Histo
         past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else place[k]
         if past.stuck[k] > 1.0 and past.stuck[k - 1] == 1.0:
             past.held[k] = place[k - 1]
+    return _bounded(p, sample, out, past) if one.bounded[0] else past
+
+
+def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History:
+    """``past`` with what stops, locks and imposed motion remember, one sample after the other."""
+    o = observe(p, sample, past)
+    reported = out[:, layout.RESTITUTION]
+    last = past.take(np.zeros(1, dtype=np.intp))
+    names = (
+        "pending",
+        "leaving",
+        "bounce",
+        "unsure",
+        "locked",
+        "locked_at",
+        "lock_last",
+        "imposed_at",
+    )
+    for k in range(len(sample)):
+        row = np.array([k])
+        here = dataclasses.replace(past.take(row), **{name: getattr(last, name) for name in names})
+        for name in names:
+            getattr(past, name)[k] = getattr(last, name)[0]
+        of, seen = p.take(row), o.take(row)
+        last = after(of, seen, here, bounds(of, seen, here, reported[row]), reported[row])
     return past
 
 

@@ -20,35 +20,20 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.friction import contact, limit
-from cylconn_ros.laws.observed import Observed, observe
-from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
+from cylconn_ros.laws.observed import observe
+from cylconn_ros.laws.parameters import Bools, Rows, Table
+from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.residual import Block
-from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, compliance, inverse
+from cylconn_ros.laws.step import begin
+from cylconn_ros.laws.bounds import stop_sides
+from cylconn_ros.laws.stops import bounds_of, without_held
 
 Array = NDArray[np.float64]
 GRID = 1200
 FINER = 100  # points where the sign changes
 REFINED = 90  # halvings or golden sections
 CLOSE = 1e-3  # of phi: the same solution; that it is one to rounding is the matter of S and D
-WORST_CONDITION = 1e10  # of the elimination: beyond it a grid cannot tell solutions apart
 UNSURE = 1e-9  # two answers are equally right when a decision hangs on less
-
-
-@dataclasses.dataclass
-class Problem(Rows):
-    """What is left for friction: s+ = s_free + S phi, (f2 f3 m2 m3) = base + by phi."""
-
-    parameters: Parameters
-    before: Array  # (n, 2) s-
-    free: Array  # (n, 2)
-    s: Array  # (n, 2, 2)
-    base: Array  # (n, 4)
-    by: Array  # (n, 4, 2)
-    after_stick: Bools
-    condition: Array  # of the elimination
-    before_size: Array  # (n, 2) the sizes of the terms of s- and s_free
-    free_size: Array
-    base_size: Array  # (n, 4) of what makes the reactions
 
 
 @dataclasses.dataclass
@@ -83,78 +68,24 @@ class Verdict:
             self.where.append("/".join(str(int(column[row])) for column in columns))
 
 
-def problem_of(p: Parameters, o: Observed, s: Step) -> Problem:
-    """Eliminate constraint, springs and dampers: a 6 x 6 system with three right-hand sides."""
-    n, h = len(p.h), p.h[:, None]
-    g = compliance(p, s)
-    unit = np.stack([np.ones(n), p.radius], axis=1)
-    u = o.place - np.where(np.isnan(p.reference), o.start, p.reference)
-    e = 0.25 * p.stiffness * h + 0.5 * p.damping
-    push = -p.stiffness * (u + 0.25 * h * o.w[:, AVAILABLE])
-    push -= 0.5 * p.damping * o.w[:, AVAILABLE]
-    ends = s.free[:, AVAILABLE] + s.bracket[:, AVAILABLE]
-    scale = np.sqrt(np.einsum("nii->ni", g))
-    even = g / (scale[:, :, None] * scale[:, None, :])  # in units where G has ones on its diagonal
-    matrix, right = np.empty((n, 6, 6)), np.zeros((n, 6, 3))
-    stiff = h * e * scale[:, AVAILABLE] ** 2
-    matrix[:, AVAILABLE] = stiff[:, :, None] * even[:, AVAILABLE]
-    for k, row in enumerate(AVAILABLE):
-        matrix[:, row, row] += 1.0
-        right[:, row, 0] = scale[:, row] * (push - e * ends)[:, k]
-        right[:, row, 1 + k] = scale[:, row] * unit[:, k]
-    matrix[:, CONSTRAINED] = even[:, CONSTRAINED]
-    right[:, CONSTRAINED, 0] = (s.target - s.free[:, CONSTRAINED]) / (scale[:, CONSTRAINED] * h)
-    greatest = np.max(np.abs(matrix), axis=2, keepdims=True)
-    matrix, right = matrix / greatest, right / greatest
-    condition = np.linalg.cond(matrix)
-    matrix[condition > 1e3 * WORST_CONDITION] = np.eye(6)  # not judged
-    wrench = np.linalg.solve(matrix, right) / scale[:, :, None]
-    slips = h[:, :, None] * (g[:, AVAILABLE] @ wrench)
-    slips[:, :, 0] += ends + s.hold
-    slips *= unit[:, :, None]
-    inner = 0.5 * (slips[:, :, 1:] + slips[:, :, 1:].transpose(0, 2, 1))
-    reactions = wrench[:, CONSTRAINED]
-    before = unit * o.w[:, AVAILABLE]
-    free_size = s.free_size + s.bracket_size
-    free_size[:, AVAILABLE] += s.hold_size
-    base_size = _reaction_terms(p, s, g)
-    through = np.abs(g[:, AVAILABLE][:, :, CONSTRAINED])
-    free_size[:, AVAILABLE] += h * np.einsum("nij,nj->ni", through, base_size)
-    sizes = [unit * size[:, AVAILABLE] for size in (o.w_size, free_size)]
-    return Problem(
-        p,
-        before,
-        slips[:, :, 0],
-        inner,
-        reactions[:, :, 0],
-        reactions[:, :, 1:],
-        o.holding,
-        condition,
-        sizes[0],
-        sizes[1],
-        base_size,
-    )
-
-
-def _reaction_terms(p: Parameters, s: Step, g: Array) -> Array:
-    """(n, 4) |G_cc^-1| times the sizes of the constraint's rows: what rounding starts from."""
-    rows = (s.free_size[:, CONSTRAINED] + s.target_size) / p.h[:, None]
-    inner = np.abs(inverse(g[:, CONSTRAINED][:, :, CONSTRAINED]))
-    return np.asarray(np.einsum("nij,nj->ni", inner, rows))
-
-
 @dataclasses.dataclass
 class Curve(Rows):
     """phi(r) = -V diag(1 / (l + r)) V^T s~_free, l the eigenvalues of theta S."""
 
     problem: Problem
-    values: Array  # (n, 2) ascending
+    values: Array  # (n, 2)
     vectors: Array  # (n, 2, 2)
     along: Array  # (n, 2) V^T s~_free
+    endless: Bools  # (n,) a held component moves: |phi| grows without bound
 
     def phi(self, r: Array) -> Array:
         """(n, 2) at r (n,)."""
         return rigid.out_of(self.vectors, -self.along / (self.values + r[:, None]))
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """(n,) the lesser and the greater value."""
+        return self.values.min(axis=1), self.values.max(axis=1)
 
     def gap(self, tables: Sequence[Table], r: Array) -> Array:
         """(n,) limit/|phi| - 1 at r: negative between an odd and an even root from r = inf."""
@@ -166,14 +97,22 @@ class Curve(Rows):
         normal = contact(
             p, np.column_stack([none, force[:, :2]]), np.column_stack([none, force[:, 2:]])
         )[3]
-        return limit(p, tables, r * size, normal) / size - 1.0
+        found = limit(p, tables, r * size, normal) / size - 1.0
+        return np.asarray(np.where(self.endless & (r == 0.0), -1.0, found))
 
 
 def curve_of(q: Problem, theta: float) -> Curve:
-    """The curve of candidates for one theta."""
-    values, vectors = np.linalg.eigh(q.s)
+    """The curve of candidates for one theta; a held component at rest does not enter it."""
     mean = (1.0 - theta) * q.before + theta * q.free
-    return Curve(q, theta * values, vectors, rigid.into(vectors, mean))
+    values, vectors = np.linalg.eigh(q.s)
+    held = q.held.any(axis=1)
+    own = np.einsum("nii->ni", q.s)  # what is left has no coupling
+    own = np.where(q.held & (mean == 0.0), own.max(axis=1, keepdims=True), own)
+    values = np.where(held[:, None], own, values)
+    vectors = np.where(held[:, None, None], np.eye(2), vectors)
+    along = np.where(held[:, None], mean, rigid.into(vectors, mean))
+    endless = ((values <= 0.0) & (along != 0.0) & held[:, None]).any(axis=1)
+    return Curve(q, theta * values, vectors, along, endless)
 
 
 def first_root(c: Curve, tables: Sequence[Table]) -> tuple[Array, Array, Array]:
@@ -182,10 +121,14 @@ def first_root(c: Curve, tables: Sequence[Table]) -> tuple[Array, Array, Array]:
     The nearest miss is the least |gap| of a dip that was or was not taken for a pair of roots.
     """
     n = len(c.along)
-    far = 1e30 * np.maximum(c.values[:, 1], 1e-300)
+    lesser, greater = c.ends
+    far = np.where(greater > 0.0, 1e30 * np.maximum(greater, 1e-300), 1e30)
     rest = far / np.maximum(1.0 + c.gap(tables, far), 1e-300)  # about where limit = traction
-    top = np.log(1e4 * np.maximum(c.values[:, 1], rest))
-    low = np.log(1e-7 * c.values[:, 0])
+    top = np.log(1e4 * np.maximum(greater, rest))
+    low = np.log(
+        1e-7
+        * np.where(lesser > 0.0, lesser, np.where(greater > 0.0, np.minimum(greater, rest), rest))
+    )
     places = top + (low - top) * np.linspace(0.0, 1.0, GRID)[:, None]
     gaps = np.stack([c.gap(tables, np.exp(x)) for x in places] + [c.gap(tables, np.zeros(n))])
     places = np.concatenate([places, low[None] - 40.0])
@@ -253,10 +196,15 @@ def judge(block: Block) -> Found:
     """Whether the answers of a block are the solutions that the rule names."""
     p, out, tables = block.parameters, block.out, block.tables
     o = observe(p, block.sample, block.past)
-    q = problem_of(p, o, begin(p, o, block.sample))
+    b = bounds_of(block, o)
+    held = b.held(out)
+    s = without_held(begin(p, o, block.sample), held)
+    upper = (stop_sides(out) > 0.0) & ~b.both
+    q = problem_of(p, o, s, held, np.where(upper, b.high, b.low))
     values = np.linalg.eigvalsh(q.s)
-    rows = p.on & (out[:, layout.STOP] == 0) & (q.condition < WORST_CONDITION)
-    rows &= values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
+    rows = p.on & (q.condition < WORST_CONDITION) & ~b.unsure
+    even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
+    rows &= even | held.any(axis=1)
     index = np.flatnonzero(rows)
     q = q.take(index)
     given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
@@ -306,6 +254,12 @@ def _moved(q: Problem, c: Curve, phi: Array) -> Array:
     return (1e-15 + 1e-16 * q.condition) * rigid.norm(rigid.out_of(vectors, size))
 
 
+def _at_rest(q: Problem, c: Curve) -> Bools:
+    """Whether a held component's rate is nothing but rounding: what friction does there is open."""
+    nothing = np.abs(c.along) < UNSURE * (q.before_size + q.free_size)
+    return np.asarray((q.held & nothing).any(axis=1))
+
+
 def named(q: Problem, tables: Sequence[Table]) -> tuple[Array, Bools, Bools]:
     """The phi (n, 2) that the rule names, whether rounding decides, whether there are several."""
     full, half = curve_of(q, 1.0), curve_of(q, 0.5)
@@ -323,9 +277,10 @@ def named(q: Problem, tables: Sequence[Table]) -> tuple[Array, Bools, Bools]:
     found = np.where((may_turn & (turn > 0.0))[:, None], phi, found)
     found = np.where((q.after_stick & admissible)[:, None], at_rest, found)
 
+    unending = full.endless & (r1 == 0.0) | half.endless & (r2 == 0.0) & may_turn
     least = UNSURE + 1e-15 * (q.condition * _cancelled(q, found) + _trembling(q, found))
     unsure = np.minimum(np.abs(margin), np.minimum(miss_full, miss_half)) < least
-    unsure |= least > 0.1 * CLOSE
+    unsure |= (least > 0.1 * CLOSE) | unending | _at_rest(q, full) | _at_rest(q, half)
     unsure |= _moved(q, full, found) > 0.1 * CLOSE * rigid.norm(found)
     size = rigid.norm(q.before) * rigid.norm(end) + 0.25 * square
     hardly = rigid.norm(q.before) < UNSURE * rigid.norm(q.before_size)

@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
-from cylconn_ros.laws import draw, rigid
+from cylconn_ros.laws import draw, rigid, states
 from cylconn_ros.laws.balance import received
+from cylconn_ros.laws.bounds import after
+from cylconn_ros.laws.chance import Random, generator
 from cylconn_ros.laws.observed import History, no_history, observe, remember
 from cylconn_ros.laws.parameters import parameters_of, tables_of
 from cylconn_ros.laws.residual import Block
 from cylconn_ros.laws.step import begin
+from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
 CHAINS = 16  # random starts of one scene
@@ -30,6 +33,7 @@ LENGTH = 8  # successive samples of each
 BLOCK = 64  # scenes drawn together
 FASTEST = 1e3  # m/s and rad/s
 ASTRAY = 1.0  # m and rad
+MOVING = [*range(7, 13), *range(20, layout.NSAMPLE)]  # twists and loads
 
 
 class Answers(Protocol):
@@ -74,10 +78,13 @@ def blocks(
         np.array([s.body_a.kind == "fixed" for s in scenes])[of],
         np.array([s.body_b.kind == "fixed" for s in scenes])[of],
     )
-    rng = draw.generator(seed, 1_000_000_000 + number)
-    sample = draw.states(rng, p, names, fixed)
-    draw.load(rng, p, sample, names)
+    rng = generator(seed, 1_000_000_000 + number)
+    sample = states.states(rng, p, names, fixed)
+    states.load(rng, p, sample, names)
     past = no_history(len(of))
+    for _ in range(60):  # what speeds and loads carry out of reach is slowed down
+        rows = states.out_of_reach(p, begin(p, observe(p, sample, past), sample))
+        sample[np.ix_(rows, MOVING)] *= 0.5
     connectors = [make(scene) for scene in scenes]
     memory = [connector.memory for connector in connectors for _ in range(CHAINS)]
     for place in range(LENGTH):
@@ -92,13 +99,14 @@ def blocks(
         sample, past = _next(rng, block, names)
 
 
-def _next(rng: draw.Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, History]:
+def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, History]:
     """The samples after the answers, and the history that comes with them."""
     p, sample, out = block.parameters, block.sample, block.out
     o = observe(p, sample, block.past)
-    past = remember(p, o, block.past, out[:, layout.REGIME] == layout.STICK)
+    b = bounds_of(block, o)
+    past = after(p, o, remember(p, o, block.past, out), b, out[:, layout.RESTITUTION])
     s = begin(p, o, sample)
-    after = sample.copy()
+    moved = sample.copy()
     for body, m, half, inverse, gain, at, wrench in (
         (p.a, o.a, s.half_a, s.inverse_a, s.gain_a, layout.A_POSE, layout.FORCE_A),
         (p.b, o.b, s.half_b, s.inverse_b, s.gain_b, layout.B_POSE, layout.FORCE_B),
@@ -111,16 +119,18 @@ def _next(rng: draw.Random, block: Block, names: NDArray[np.str_]) -> tuple[Arra
         com = m.com + 0.5 * h * (m.velocity + velocity)
         q = rigid.turned(m.orientation, 0.5 * h * (m.spin + spin))
         arm = rigid.out_of(rigid.matrix(q), body.com)
-        draw.put(after, at, com - arm, q, velocity - np.cross(spin, arm), spin)
-    o = observe(p, after, past)
+        states.put(moved, at, com - arm, q, velocity - np.cross(spin, arm), spin)
+    o = observe(p, moved, past)
     far = rigid.norm(o.error[:, :2]) > ASTRAY  # a coarse step may also leave the connector behind
     far |= rigid.norm(o.error[:, 2:]) > ASTRAY
-    after[far] = sample[far]
-    fresh = after.copy()
-    draw.load(rng, p, fresh, names)
-    change = rng.random(len(after)) < 0.25
-    after[change, layout.LOADS] = fresh[change, layout.LOADS]
-    return after, past
+    moved[far] = sample[far]
+    fresh = moved.copy()
+    states.load(rng, p, fresh, names)
+    change = rng.random(len(moved)) < 0.25
+    moved[change, layout.LOADS] = fresh[change, layout.LOADS]
+    far = states.out_of_reach(p, begin(p, observe(p, moved, past), moved))
+    moved[far] = sample[far]
+    return moved, past
 
 
 def _bounded(v: Array) -> Array:
