@@ -82,7 +82,7 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         near = np.abs(gap + reach) < TIE * (gap_size + h * w_size)
         begins = there & (rate < 0.0) & (p.restitution[:, None] > 0.0) & (eps > 0.0)
         begins &= (near | (gap + reach < 0.0)) & (past.pending == 0.0) & (impact == 0.0)
-        still = there & (np.abs(rate) < TIE * w_size) & (rate != 0.0) & (eps > 0.0)
+        still = there & (np.abs(rate) <= TIE * w_size) & (eps > 0.0)
         unsure |= (still & (gap < TIE * gap_size)).any(axis=1)
         time = np.maximum(-gap / np.where(begins, h * rate, -1.0), 0.5)
         first = rate * (time - 0.5 - eps * (1.5 - time))

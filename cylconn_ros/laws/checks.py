@@ -19,7 +19,7 @@ from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.laws.residual import Block, ratio, worst
 from cylconn_ros.laws.slip import friction_laws, friction_of_sample
 from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, by_wrench, reaction_size
-from cylconn_ros.laws.stops import bounds_of, stops, without_held
+from cylconn_ros.laws.stops import bounds_of, stops
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,6 @@ def _of_step(block: Block, o: Observed, s: Step) -> dict[str, Array]:
     """A step that is solved as a whole, impulse: its wrench acts in q~, its laws at its end."""
     p, out = block.parameters, block.out
     b = bounds_of(block, o)
-    s = without_held(s, b.held(out))
     wrench = out[:, layout.FORCE : layout.FORCE + 6]
     added, _ = by_wrench(p, s, wrench, np.abs(wrench))
     end = s.free + added

@@ -77,12 +77,12 @@ def problem_of(
     slips = h[:, :, None] * (g[:, AVAILABLE] @ wrench)
     slips[:, :, 0] += ends + s.hold
     slips *= unit[:, :, None]
-    slips[:, :, 0] = np.where(held, unit * rates, slips[:, :, 0])
+    slips[:, :, 0] = np.where(held, unit * (rates + s.hold), slips[:, :, 0])
     slips[:, :, 1:][held] = 0.0
     slips[:, :, 1:].transpose(0, 2, 1)[held] = 0.0
     inner = 0.5 * (slips[:, :, 1:] + slips[:, :, 1:].transpose(0, 2, 1))
     x = wrench[:, AVAILABLE] + (e / unit)[:, :, None] * slips
-    x[:, :, 0] -= push + e * np.where(held, 0.0, s.hold)
+    x[:, :, 0] -= push + e * s.hold
     reactions = wrench[:, CONSTRAINED]
     before = unit * o.w[:, AVAILABLE]
     free_size = s.free_size + s.bracket_size

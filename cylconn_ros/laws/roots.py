@@ -26,7 +26,7 @@ from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.residual import Block
 from cylconn_ros.laws.step import begin
 from cylconn_ros.laws.bounds import stop_sides
-from cylconn_ros.laws.stops import bounds_of, without_held
+from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
 GRID = 1200
@@ -198,7 +198,7 @@ def judge(block: Block) -> Found:
     o = observe(p, block.sample, block.past)
     b = bounds_of(block, o)
     held = b.held(out)
-    s = without_held(begin(p, o, block.sample), held)
+    s = begin(p, o, block.sample)
     upper = (stop_sides(out) > 0.0) & ~b.both
     q = problem_of(p, o, s, held, np.where(upper, b.high, b.low))
     values = np.linalg.eigvalsh(q.s)

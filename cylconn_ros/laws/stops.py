@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws.bounds import Bounds, bounds, stop_sides
 from cylconn_ros.laws.observed import Observed
-from cylconn_ros.laws.parameters import Bools, Parameters
+from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.laws.reduced import problem_of
 from cylconn_ros.laws.residual import Block, ratio, worst
 from cylconn_ros.laws.step import AVAILABLE, Step
@@ -22,13 +20,6 @@ REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
 def bounds_of(block: Block, o: Observed) -> Bounds:
     """The bounds of a block's steps, with the coefficients that its answers report."""
     return bounds(block.parameters, o, block.past, block.out[:, layout.RESTITUTION])
-
-
-def without_held(s: Step, held: Bools) -> Step:
-    """The step without the place that stick holds in components that are held at a bound."""
-    return dataclasses.replace(
-        s, hold=np.where(held, 0.0, s.hold), hold_size=np.where(held, 0.0, s.hold_size)
-    )
 
 
 def stops(block: Block, o: Observed, s: Step, b: Bounds, end: Array, end_size: Array) -> Array:

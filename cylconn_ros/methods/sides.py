@@ -95,16 +95,17 @@ def within(
 ) -> tuple[Solved, tuple[int, int]]:
     """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by trying who is held.
 
-    Few components, so few choices: free, or held at either bound. Mostly the first is the one.
+    Few components, so few choices: free, or held at either bound. Mostly the first is the one. Where
+    friction has several solutions the first of them may fit nowhere: then those that rest are tried.
     """
     fixed1, fixed2 = b1.low == b1.high, b2.low == b2.high
     best, best_sides, least = (
-        _solved(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2),
+        _solved(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2, False),
         (0, 0),
         math.inf,
     )
-    for choice in range(9):
-        side1, side2 = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3]
+    for choice in range(18):
+        side1, side2, rests = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3], choice >= 9
         if fixed1:
             if side1 != 0:
                 continue
@@ -118,8 +119,8 @@ def within(
         elif (side2 < 0 and b2.low == -math.inf) or (side2 > 0 and b2.high == math.inf):
             continue
         found = best
-        if side1 != 0 or side2 != 0:
-            found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2)
+        if side1 != 0 or side2 != 0 or rests:
+            found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, rests)
         wrong = _wrong(b1, fixed1, side1, found.end[0], found.reaction[0], sp.s[0])
         wrong = max(wrong, _wrong(b2, fixed2, side2, found.end[1], found.reaction[1], sp.s[2]))
         if wrong < least:
@@ -153,13 +154,14 @@ def _solved(
     b1: Bounds,
     side2: int,
     b2: Bounds,
+    rests: bool,
 ) -> Solved:
     """Friction and reactions with the components of side -1 (lower bound) and 1 (upper) held."""
     t1 = b1.low if side1 < 0 else b1.high
     t2 = b2.low if side2 < 0 else b2.high
     held = hold(sp.free, sp.s, (side1, side2), (t1, t2))
     friction, regime, flags, s_mean, residual = _friction(
-        par, mem, o, r, sp, held, h, explicit, side1 != 0, side2 != 0
+        par, mem, o, r, sp, held, h, explicit, rests
     )
     f, g = friction
     end = (
@@ -197,7 +199,7 @@ def restitution_without_gain(
         now = high if attempt == 0 else 0.5 * (low + high)
         c1 = Bounds(-now * v1, -now * v1, 0) if b1.impact != 0 else b1
         c2 = Bounds(-now * w1, -now * w1, 0) if b2.impact != 0 else b2
-        s = _solved(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2)
+        s = _solved(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2, False)
         work = (s.friction[0] + s.reaction[0]) * (v1 + s.end[0])
         work += (s.friction[1] + s.reaction[1]) * (w1 + s.end[1])
         if work <= 0.0:
@@ -219,8 +221,7 @@ def _friction(
     held: Held,
     h: float,
     explicit: bool,
-    slide_held: bool,
-    spin_held: bool,
+    rests: bool,
 ) -> tuple[Two, int, int, Two, float]:
     """(f1f, m1f), regime, flags, s~ and the residual of the law."""
     law = model.law(par)
@@ -235,12 +236,9 @@ def _friction(
         if mem[model.STUCK] == 1.0:
             mem[model.HELD_LENGTH], mem[model.HELD_ANGLE] = o.length, o.angle
         keep = 0.0 if explicit else 0.5
-        if not slide_held:
-            back = (o.length - mem[model.HELD_LENGTH]) / h + keep * v1
-            s_free = (s_free[0] + back, s_free[1])
-        if not spin_held:
-            back = (o.angle - mem[model.HELD_ANGLE]) / h + keep * w1
-            s_free = (s_free[0], s_free[1] + radius * back)
+        back = (o.length - mem[model.HELD_LENGTH]) / h + keep * v1
+        turn = (o.angle - mem[model.HELD_ANGLE]) / h + keep * w1
+        s_free = (s_free[0] + back, s_free[1] + radius * turn)
     # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
     e1, er = sp.e
     base = reactions(
@@ -251,7 +249,7 @@ def _friction(
     d = disc_problem(
         (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
     )
-    sol = solve_disc(law, par, d, was_stick)
+    sol = solve_disc(law, par, d, was_stick or rests)
 
     p, q = sol.phi
     size = math.sqrt(p * p + q * q)
