@@ -314,13 +314,29 @@ def _searched(
     return high
 
 
+@jit
+def _last_root(law: Law, par: Array, d: Disc, c: _Curve) -> float:
+    """The root next to r = 0, found by going up from there; inf: there is none."""
+    greatest = limit(law, par, c.size, contact(law, d.base).normal)
+    low = 1e-13 * c.l2
+    if not _ends(c):
+        low = ROUNDING * (abs(c.b) if c.l2 <= 0.0 else abs(c.a)) / max(greatest, NOTHING)
+    g_low = _excess(law, par, d, c, low)
+    for _ in range(MOST_SEARCHED):
+        high = 1.05 * low
+        g_high = _excess(law, par, d, c, high)
+        if g_low < 0.0 <= g_high:
+            return _bracketed(law, par, d, c, low, g_low, high, g_high)
+        low, g_low = high, g_high
+    return math.inf
+
+
 @inline
 def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
     """The solution that the selection rule names."""
-    flags = 0
     end = _curve(d, 1.0)
     if end.size == 0.0:
-        return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, flags)
+        return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, 0)
     stick_admissible = _excess_at_end(law, par, d, end) >= 0.0
     if not (was_stick and stick_admissible):
         before = d.s_minus[0] ** 2 + d.s_minus[1] ** 2
@@ -334,24 +350,45 @@ def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
             r = _first_root(law, par, d, c, _excess_at_end(law, par, d, c))
             if r == 0.0:
                 continue
-            phi = _phi(d, c, r) if r < math.inf else (0.0, 0.0)
-            # s+ from s~ where theta = 1: no cancellation as slip ends
-            p, q = d.cos * phi[0] + d.sin * phi[1], d.cos * phi[1] - d.sin * phi[0]
-            p, q = d.greater * p, d.lesser * q
-            s_end = (
-                d.s_free[0] + d.cos * p - d.sin * q,
-                d.s_free[1] + d.sin * p + d.cos * q,
-            )
+            phi, s_end, s_mean = _slip(d, c, theta, r)
             forward = d.s_minus[0] * s_end[0] + d.s_minus[1] * s_end[1]
             if theta < 1.0 and not forward > 0.25 * before:
                 continue
-            s_mean = (
-                (1.0 - theta) * d.s_minus[0] + theta * s_end[0],
-                (1.0 - theta) * d.s_minus[1] + theta * s_end[1],
-            )
-            if stick_admissible:
-                flags = SEVERAL_ROOTS
-            return Solution(phi, s_end, s_mean, SLIP, flags)
+            return Solution(phi, s_end, s_mean, SLIP, SEVERAL_ROOTS if stick_admissible else 0)
+    return _stick(law, par, d, end)
+
+
+@inline
+def solve_resting(law: Law, par: Array, d: Disc) -> Solution:
+    """The solution nearest to stick, theta = 1, where that of least traction will not do."""
+    end = _curve(d, 1.0)
+    if end.size == 0.0:
+        return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, 0)
+    if _excess_at_end(law, par, d, end) >= 0.0:
+        return _stick(law, par, d, end)
+    phi, s_end, s_mean = _slip(d, end, 1.0, _last_root(law, par, d, end))
+    return Solution(phi, s_end, s_mean, SLIP, 0)
+
+
+@inline
+def _slip(d: Disc, c: _Curve, theta: float, r: float) -> tuple[Two, Two, Two]:
+    """phi, s+ and s~ of the root r."""
+    phi = _phi(d, c, r) if r < math.inf else (0.0, 0.0)
+    # s+ from s~ where theta = 1: no cancellation as slip ends
+    p, q = d.cos * phi[0] + d.sin * phi[1], d.cos * phi[1] - d.sin * phi[0]
+    p, q = d.greater * p, d.lesser * q
+    s_end = (d.s_free[0] + d.cos * p - d.sin * q, d.s_free[1] + d.sin * p + d.cos * q)
+    s_mean = (
+        (1.0 - theta) * d.s_minus[0] + theta * s_end[0],
+        (1.0 - theta) * d.s_minus[1] + theta * s_end[1],
+    )
+    return phi, s_end, s_mean
+
+
+@inline
+def _stick(law: Law, par: Array, d: Disc, end: _Curve) -> Solution:
+    """s+ = 0, JAMMED where friction has no finite solution."""
+    flags = 0
     phi = _phi(d, end, 0.0)
     size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
     grown = contact(law, reaction(d, phi)).normal - contact(law, d.base).normal

@@ -25,8 +25,8 @@ def balance(p: Parameters, o: Observed, s: Step, out: Array) -> Array:
     force = rigid.out_of(s.frame.axes, out[:, layout.FORCE : layout.MOMENT])
     moment = rigid.out_of(s.frame.axes, _moment(out))
     lever_a, lever_b = np.cross(s.frame.arm_a, force), np.cross(s.frame.arm_b, force)
-    sizes = rigid.norm(moment) + rigid.norm(force) * rigid.norm(s.frame.arm_a)
-    sizes_b = rigid.norm(moment) + rigid.norm(force) * rigid.norm(s.frame.arm_b)
+    sizes = rigid.norm(moment) + rigid.norm(force) * rigid.norm(s.frame.arm_a_size)
+    sizes_b = rigid.norm(moment) + rigid.norm(force) * rigid.norm(s.frame.arm_b_size)
     greatest = np.maximum(rigid.norm(lever_a + moment), rigid.norm(lever_b + moment))
     size = rigid.norm(force)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -44,7 +44,8 @@ class Bounds(Rows):
     driven: Bools  # (n, 2) by an imposed motion
     impact: Array  # (n, 2) -1 or 1 at the stop where an impact begins
     acting: Bools  # (n,) an impact begins or has its second step
-    unsure: Bools  # (n,) whether one begins is not to be known from outside
+    unsure: Bools  # (n,) whether one begins, or has begun, is not to be known from outside
+    doubt: Bools  # (n,) and that it is so since this step
     locked_at: Array  # (n,)
     imposed_at: Array  # (n, 2)
 
@@ -68,7 +69,7 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
     pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
     eps = coefficient[:, None]
     impact = np.zeros_like(w)
-    unsure = past.unsure.copy()
+    doubt = np.zeros_like(past.unsure)
     limits, sizes = [], []
     for side, number in ((-1.0, 0), (1.0, 1)):
         stop = p.stops[:, :, number]
@@ -81,9 +82,11 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         reach = np.where(p.explicit, 1.0, 1.5)[:, None] * h * rate
         near = np.abs(gap + reach) < TIE * (gap_size + h * w_size)
         begins = there & (rate < 0.0) & (p.restitution[:, None] > 0.0) & (eps > 0.0)
-        begins &= (near | (gap + reach < 0.0)) & (past.pending == 0.0) & (impact == 0.0)
+        begins &= near | (gap + reach < 0.0)
+        doubt |= past.unsure & begins.any(axis=1)
+        begins &= (past.pending == 0.0) & (impact == 0.0)
         still = there & (np.abs(rate) <= TIE * w_size) & (eps > 0.0)
-        unsure |= (still & (gap < TIE * gap_size)).any(axis=1)
+        doubt |= (still & (gap < TIE * gap_size)).any(axis=1)
         time = np.maximum(-gap / np.where(begins, h * rate, -1.0), 0.5)
         first = rate * (time - 0.5 - eps * (1.5 - time))
         first_size = 2.0 * w_size + (1.0 + eps) * (w_size + gap_size / h)
@@ -98,7 +101,7 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         sizes.append(np.where(there, size, 0.0))
     # while one impact has its second step to come, another may begin without a coefficient
     told = (past.pending != 0.0).any(axis=1) & (coefficient == past.bounce)
-    unsure |= told & (impact != 0.0).any(axis=1)
+    doubt |= told & (impact != 0.0).any(axis=1)
     low, high = limits
     low_size, high_size = sizes
     crossed = low > high
@@ -114,7 +117,8 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         driven=p.imposed,
         impact=impact,
         acting=np.any((impact != 0.0) | (past.pending != 0.0), axis=1),
-        unsure=unsure,
+        unsure=doubt | past.unsure,
+        doubt=doubt,
         locked_at=past.locked_at,
         imposed_at=_imposed_at(p, o, past),
     )
@@ -191,9 +195,9 @@ def after(p: Parameters, o: Observed, past: History, b: Bounds, coefficient: Arr
         past,
         pending=pending,
         leaving=leaving,
-        unsure=b.unsure & ~past.unsure,
+        unsure=b.doubt,
         bounce=np.where(begins, coefficient, past.bounce),
-        locked=b.locked.any(axis=1),
+        locked=np.asarray(b.locked.any(axis=1)),
         locked_at=b.locked_at,
         lock_last=np.where(rows, last, past.lock_last),
         imposed_at=b.imposed_at + p.h[:, None] * velocity,

@@ -72,6 +72,8 @@ class Motion(Rows):
     orientation: Array
     velocity: Array
     spin: Array
+    com_size: Array
+    velocity_size: Array
 
 
 @dataclasses.dataclass
@@ -81,6 +83,8 @@ class Frame(Rows):
     axes: Array  # (n, 3, 3)
     arm_a: Array
     arm_b: Array
+    arm_a_size: Array
+    arm_b_size: Array
 
 
 @dataclasses.dataclass
@@ -108,22 +112,30 @@ def motion(body: Bodies, sample: Array, pose: int, twist: int) -> Motion:
     q = rigid.normalised(sample[:, pose + 3 : pose + 7])
     spin = sample[:, twist + 3 : twist + 6]
     arm = rigid.out_of(rigid.matrix(q), body.com)
-    velocity = sample[:, twist : twist + 3] + np.cross(spin, arm)
-    return Motion(sample[:, pose : pose + 3] + arm, q, velocity, spin)
+    at, speed = sample[:, pose : pose + 3], sample[:, twist : twist + 3]
+    return Motion(
+        at + arm,
+        q,
+        speed + np.cross(spin, arm),
+        spin,
+        np.abs(at) + np.abs(arm),
+        np.abs(speed) + rigid.cross_size(spin, arm),
+    )
 
 
 def frame(p: Parameters, a: Motion, b: Motion) -> Frame:
     """The connector's frame; the wrench acts at node b on both bodies."""
     arm_b = rigid.out_of(rigid.matrix(b.orientation), p.b.node)
     axes = rigid.matrix(rigid.multiply(a.orientation, p.axes_a))
-    return Frame(axes, b.com - a.com + arm_b, arm_b)
+    size = np.abs(arm_b)
+    return Frame(axes, b.com - a.com + arm_b, arm_b, a.com_size + b.com_size + size, size)
 
 
 def relative(f: Frame, va: Array, wa: Array, vb: Array, wb: Array) -> tuple[Array, Array]:
     """J (v, w of A, v, w of B): (n, 6) and its size, down to the single products."""
     linear = vb - va + np.cross(wb, f.arm_b) - np.cross(wa, f.arm_a)
     linear_size = np.abs(vb) + np.abs(va)
-    linear_size += rigid.cross_size(wb, f.arm_b) + rigid.cross_size(wa, f.arm_a)
+    linear_size += rigid.cross_size(wb, f.arm_b_size) + rigid.cross_size(wa, f.arm_a_size)
     axes = np.abs(f.axes)
     total = [rigid.into(f.axes, linear), rigid.into(f.axes, wb - wa)]
     size = [rigid.into(axes, linear_size), rigid.into(axes, np.abs(wb) + np.abs(wa))]
@@ -135,9 +147,10 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
     a = motion(p.a, sample, layout.A_POSE, layout.A_TWIST)
     b = motion(p.b, sample, layout.B_POSE, layout.B_TWIST)
     f = frame(p, a, b)
-    w, w_size = relative(f, a.velocity, a.spin, b.velocity, b.spin)
+    w, _ = relative(f, a.velocity, a.spin, b.velocity, b.spin)
+    _, w_size = relative(f, a.velocity_size, a.spin, b.velocity_size, b.spin)
     d = rigid.into(f.axes, f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node))
-    far = rigid.into(np.abs(f.axes), np.abs(a.com) + np.abs(b.com) + np.abs(f.arm_b))
+    far = rigid.into(np.abs(f.axes), f.arm_a_size)
     seen = rigid.multiply(
         rigid.conjugate(rigid.multiply(a.orientation, p.axes_a)),
         rigid.multiply(b.orientation, _axes_b(p, a, b, past)),

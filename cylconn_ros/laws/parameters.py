@@ -91,7 +91,7 @@ class Parameters(Rows):
     @property
     def imposed(self) -> Bools:
         """(n, 2) whether a motion is imposed."""
-        return ~np.isnan(self.command[:, :, :2]).all(axis=2)
+        return np.asarray(~np.isnan(self.command[:, :, :2]).all(axis=2))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
+from cylconn_ros.laws.bounds import stop_sides
 from cylconn_ros.laws.friction import contact, limit
 from cylconn_ros.laws.observed import observe
 from cylconn_ros.laws.parameters import Bools, Rows, Table
 from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.residual import Block
 from cylconn_ros.laws.step import begin
-from cylconn_ros.laws.bounds import stop_sides
 from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
@@ -105,13 +105,13 @@ def curve_of(q: Problem, theta: float) -> Curve:
     """The curve of candidates for one theta; a held component at rest does not enter it."""
     mean = (1.0 - theta) * q.before + theta * q.free
     values, vectors = np.linalg.eigh(q.s)
-    held = q.held.any(axis=1)
+    held = np.asarray(q.held.any(axis=1))
     own = np.einsum("nii->ni", q.s)  # what is left has no coupling
     own = np.where(q.held & (mean == 0.0), own.max(axis=1, keepdims=True), own)
     values = np.where(held[:, None], own, values)
     vectors = np.where(held[:, None, None], np.eye(2), vectors)
     along = np.where(held[:, None], mean, rigid.into(vectors, mean))
-    endless = ((values <= 0.0) & (along != 0.0) & held[:, None]).any(axis=1)
+    endless = np.asarray(((values <= 0.0) & (along != 0.0) & held[:, None]).any(axis=1))
     return Curve(q, theta * values, vectors, along, endless)
 
 

@@ -11,7 +11,6 @@ from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.chance import Random, decades, direction, orientation
 from cylconn_ros.laws.draw import FARTHEST
-from cylconn_ros.laws.observed import Observed
 from cylconn_ros.laws.parameters import Bodies, Bools, Parameters
 from cylconn_ros.laws.step import Step
 

@@ -91,11 +91,14 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
         for one, other in zip(frozen, middle, strict=True)
     )
     com = m.com + 0.5 * h * m.velocity + h * h / 6.0 * acceleration
+    ahead = 0.5 * h * m.velocity_size + h * h / 6.0 * np.abs(acceleration)
     there = Motion(
         np.where(explicit, m.com, com),
         np.where(explicit, m.orientation, half),
         m.velocity,
         m.spin,
+        m.com_size + np.where(explicit, 0.0, ahead),
+        m.velocity_size,
     )
     return _Free(there, half, h * acceleration, h * turn, h * turn_size)
 
@@ -106,11 +109,11 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
     loads_b = sample[:, layout.B_LOAD : layout.NSAMPLE]
     a, b = _free_step(p, p.a, o.a, loads_a), _free_step(p, p.b, o.b, loads_b)
     acting = frame(p, a.middle, b.middle)
-    still, still_size = relative(acting, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)
+    still, still_size = _of_motion(acting, o)
     gain, _ = relative(acting, a.gain, a.turn, b.gain, b.turn)
     _, gain_size = relative(acting, a.gain, a.turn_size, b.gain, b.turn_size)
     ahead = frame(p, _ahead(p, o.a), _ahead(p, o.b))
-    there, there_size = relative(ahead, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)
+    there, there_size = _of_motion(ahead, o)
     exact = _column(~p.explicit).astype(np.float64)
     keep = 0.5 * exact
     bracket, bracket_size = exact * (there - still), exact * (there_size + still_size)
@@ -138,11 +141,19 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
     )
 
 
+def _of_motion(f: Frame, o: Observed) -> tuple[Array, Array]:
+    """J v for the sample's velocities in another configuration, and its size."""
+    value, _ = relative(f, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)
+    _, size = relative(f, o.a.velocity_size, o.a.spin, o.b.velocity_size, o.b.spin)
+    return value, size
+
+
 def _ahead(p: Parameters, m: Motion) -> Motion:
     """q^ = q + h v."""
     h = _column(p.h)
     turned = rigid.turned(m.orientation, h * m.spin)
-    return Motion(m.com + h * m.velocity, turned, m.velocity, m.spin)
+    size = m.com_size + h * m.velocity_size
+    return Motion(m.com + h * m.velocity, turned, m.velocity, m.spin, size, m.velocity_size)
 
 
 def _pull(p: Parameters, o: Observed) -> tuple[Array, Array]:
@@ -179,14 +190,14 @@ def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Arra
     force_size = rigid.out_of(axes, terms[:, :3])
     moment_size = rigid.out_of(axes, terms[:, 3:])
     h = _column(p.h)
-    for sign, body, inverse, arm in (
-        (1.0, p.b, s.inverse_b, s.frame.arm_b),
-        (-1.0, p.a, s.inverse_a, s.frame.arm_a),
+    for sign, body, inverse, arm, arm_size in (
+        (1.0, p.b, s.inverse_b, s.frame.arm_b, s.frame.arm_b_size),
+        (-1.0, p.a, s.inverse_a, s.frame.arm_a, s.frame.arm_a_size),
     ):
         gain = h * _column(body.inverse_mass)
         push = sign * gain * force
         turn = sign * h * rigid.out_of(inverse, np.cross(arm, force) + moment)
-        lever = rigid.cross_size(arm, force_size) + moment_size
+        lever = rigid.cross_size(arm_size, force_size) + moment_size
         push_size, turn_size = gain * force_size, h * rigid.out_of(np.abs(inverse), lever)
         if sign > 0.0:
             part, _ = relative(s.frame, zero, zero, push, turn)

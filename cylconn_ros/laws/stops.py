@@ -1,4 +1,4 @@
-"""U: stops with restitution, locks and imposed motion, by the bounds that they are for the rates."""
+"""U: stops with restitution, locks and imposed motion, by the bounds that they set to the rates."""
 
 from __future__ import annotations
 

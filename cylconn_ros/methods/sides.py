@@ -16,7 +16,7 @@ from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.bounds import Bounds, Held, Two, hold
 from cylconn_ros.core.compiled import inline, jit
-from cylconn_ros.core.disc import disc_problem, reaction, solve_disc
+from cylconn_ros.core.disc import disc_problem, reaction, solve_disc, solve_resting
 from cylconn_ros.core.friction import Array, contact, limit
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed
@@ -95,8 +95,9 @@ def within(
 ) -> tuple[Solved, tuple[int, int]]:
     """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by trying who is held.
 
-    Few components, so few choices: free, or held at either bound. Mostly the first is the one. Where
-    friction has several solutions the first of them may fit nowhere: then those that rest are tried.
+    Few components, so few choices: free, or held at either bound. Mostly the first is the one.
+    Where friction has several solutions the first of them may fit nowhere: then the solutions next
+    to stick are tried.
     """
     fixed1, fixed2 = b1.low == b1.high, b2.low == b2.high
     best, best_sides, least = (
@@ -249,7 +250,7 @@ def _friction(
     d = disc_problem(
         (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
     )
-    sol = solve_disc(law, par, d, was_stick or rests)
+    sol = solve_resting(law, par, d) if rests else solve_disc(law, par, d, was_stick)
 
     p, q = sol.phi
     size = math.sqrt(p * p + q * q)
