@@ -11,12 +11,19 @@ from cylconn_ros.core import model
 
 Array = NDArray[np.float64]
 
+COARSE = 1e-3  # a tolerance that impulse keeps up to some hundredths of a radian a sample
+
 
 def choose_method(scene: Scene) -> str:
-    """The method that ``auto`` stands for: impulse where every inertia is known, else penalty."""
+    """The method that ``auto`` stands for: impulse where every inertia is known, else penalty.
+
+    Minimal, where an accuracy is asked that impulse does not reach at usual periods.
+    """
     if scene.method != "auto":
         return scene.method
-    return "penalty" if "unknown" in (scene.body_a.kind, scene.body_b.kind) else "impulse"
+    if "unknown" in (scene.body_a.kind, scene.body_b.kind):
+        return "penalty"
+    return "minimal" if 0.0 < scene.tolerance < COARSE else "impulse"
 
 
 def pack(scene: Scene, *, plant: bool = False) -> Array:

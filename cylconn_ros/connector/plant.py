@@ -64,6 +64,11 @@ class Plant:
         plant.step(self._par, self.state, wrench_a, wrench_b, self.loads, self.scene.period)
         self._steps += 1
 
+    def move(self, state: Array, steps: int) -> None:
+        """Put the bodies where they are after ``steps`` periods, ``state`` (26,)."""
+        self.state[:] = state
+        self._steps = steps
+
     def energy(self) -> float:
         """Kinetic and gravitational energy of both bodies, J."""
         return float(plant.energy(self._par, self.state))

@@ -74,7 +74,11 @@ class Scene:
         "auto: impulse where it can, else penalty.",
     )
     tolerance: float = parameter(
-        0.0, ge=0.0, unit="1", doc="Relative accuracy asked of the solution; 0: none stated."
+        0.0,
+        ge=0.0,
+        unit="1",
+        doc="Greatest error of slide and spin, each over the way it goes, that auto and minimal "
+        "are to keep; 0: none stated.",
     )
     latency: int = parameter(
         0, ge=-1, unit="samples", doc="Samples between sample and action; -1: measured."

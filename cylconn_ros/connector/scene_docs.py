@@ -12,7 +12,6 @@ from typing import Any
 
 from cylconn_ros.connector.parameters import Parameter, show
 from cylconn_ros.connector.scene import schema
-from cylconn_ros.connector.scene_rules import NOT_SERVED
 
 _TABLE_HEAD = """\
 # Parameters
@@ -50,7 +49,7 @@ def table() -> str:
             parameter.unit or "–",
             _default(parameter),
             parameter.rule,
-            _words(parameter),
+            parameter.doc,
         )
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
@@ -79,7 +78,7 @@ def example() -> str:
 def _comment(parameter: Parameter) -> str:
     unit = f"[{parameter.unit}] " if parameter.unit not in ("", "1") else ""
     rule = f" ({parameter.rule})" if parameter.kind != "bool" else ""
-    return f"{unit}{_words(parameter).rstrip('.')}{rule}"
+    return f"{unit}{parameter.doc.rstrip('.')}{rule}"
 
 
 def _indent(groups: list[str]) -> str:
@@ -94,11 +93,6 @@ def _value(parameter: Parameter) -> Any:
 
 def _yaml(value: Any) -> str:
     return value if isinstance(value, str) else show(value)
-
-
-def _words(parameter: Parameter) -> str:
-    later = " Not served by this version." if parameter.name.startswith(NOT_SERVED) else ""
-    return parameter.doc + later
 
 
 def _kind(parameter: Parameter) -> str:

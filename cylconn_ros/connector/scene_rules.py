@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from cylconn_ros.connector.scene import Body, Friction, Scene
 
 
-# Parts of the public face that no method answers to yet: refused rather than ignored.
-NOT_SERVED = ("tolerance",)
 # Bounds on slide and spin, and the method that has none.
 BOUNDS = ("stops.", "lock.", "command.slide.position", "command.slide.velocity",
           "command.spin.position", "command.spin.velocity")  # fmt: skip
@@ -32,6 +30,7 @@ def check(scene: Scene) -> None:
     _check_stops(scene)
     _check_lock(scene)
     _check_command(scene)
+    _check_tolerance(scene)
     _check_served(scene)
     if scene.period > 0.0 and scene.stamp_tolerance >= 0.5 * scene.period:
         raise SceneError(
@@ -43,8 +42,6 @@ def check(scene: Scene) -> None:
 def _check_served(scene: Scene) -> None:
     rules = scene.schema()
     for name, value in scene.parameters().items():
-        if name.startswith(NOT_SERVED) and show(value) != show(rules[name].default):
-            raise SceneError(f"{name} = {show(value)}: is not served by this version; leave it out")
         if name == "latency":
             _check_latency(scene)
         bound = scene.method == WITHOUT_BOUNDS and name.startswith(BOUNDS)
@@ -53,6 +50,22 @@ def _check_served(scene: Scene) -> None:
                 f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
                 "motion; leave it out, or use impulse"
             )
+
+
+def _check_tolerance(scene: Scene) -> None:
+    if scene.tolerance == 0.0:
+        return
+    for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
+        if body.kind == "unknown":
+            raise SceneError(
+                f"tolerance = {show(scene.tolerance)}: no accuracy can be promised while the "
+                f"inertia of {name} is unknown; leave it out, or give mass and inertia"
+            )
+    if scene.method not in ("auto", "minimal"):
+        raise SceneError(
+            f"tolerance = {show(scene.tolerance)}: goes with the methods auto and minimal; the "
+            f"accuracy of {scene.method} follows from the period"
+        )
 
 
 def _check_latency(scene: Scene) -> None:
