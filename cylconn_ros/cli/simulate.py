@@ -50,6 +50,8 @@ def run(options: argparse.Namespace) -> int:
         bar.note("preparing (the first run compiles the physics)")
         result = simulate(scene, scenes.steps(scene), bar)
     print(f"model       {result.connector.model}")
+    if result.computed is not None:
+        print(f"computed    {result.computed} (tolerance {scene.tolerance:g})")
     state = fields(result)
     found = reduce_states(result.time, state)
     print("\n".join(describe(found)))

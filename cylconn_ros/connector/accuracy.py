@@ -62,10 +62,10 @@ def motion(scene: Scene, steps: int) -> tuple[Array, Chosen]:
     """
     from cylconn_ros.connector.minimal_simulation import solve
 
-    times = scene.period * np.arange(steps + 1)
+    times = np.asarray(scene.period * np.arange(steps + 1), dtype=np.float64)
     rtol = step_tolerance(scene.tolerance)
     try:
-        found = solve(dataclasses.replace(scene, method="minimal"), times[-1], rtol, times)
+        found = solve(dataclasses.replace(scene, method="minimal"), float(times[-1]), rtol, times)
         return found.states, Chosen("minimal", 1, rtol, math.nan)
     except (SceneError, RuntimeError):
         if "unknown" in (scene.body_a.kind, scene.body_b.kind):

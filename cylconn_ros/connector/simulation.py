@@ -93,5 +93,5 @@ def _accurate(scene: Scene, steps: int, progress: Callable[[int, int], None] | N
     plant.move(states[-1], steps)
     if progress is not None:
         progress(steps, steps)
-    time = scene.period * np.arange(steps)
+    time = np.asarray(scene.period * np.arange(steps), dtype=np.float64)
     return Run(time, states[:-1], outs, energy, connector, plant, chosen)
