@@ -28,7 +28,7 @@ _MAX_PENDING = 64  # samples under construction: more than a queue of 50 message
 _MAX_OLD = 8
 
 STREAMS = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
-_PLACES = (
+PLACES = (
     slice(layout.A_POSE, layout.A_POSE + 7),
     slice(layout.A_TWIST, layout.A_TWIST + 6),
     slice(layout.B_POSE, layout.B_POSE + 7),
@@ -103,9 +103,10 @@ class SampleMatcher:
         self._needed = 0
         for index, body in enumerate(scene.bodies):
             if body.kind == "fixed":
-                self.sample[_PLACES[2 * index + _POSE]] = body.pose
+                self.sample[PLACES[2 * index + _POSE]] = body.pose
             else:
                 self._needed |= 0b11 << 2 * index
+        self._names = [STREAMS[stream] for stream in self.needed]
         self._loads: list[tuple[Vector, bool] | None] = [None, None]
         self._pending: dict[int, _Slot] = {}
         self._old: dict[int, _Slot] = {}
@@ -132,6 +133,16 @@ class SampleMatcher:
         return self._last
 
     @property
+    def needed(self) -> tuple[int, ...]:
+        """Numbers of the streams that a sample needs, in :data:`STREAMS`."""
+        return tuple(k for k in range(len(STREAMS)) if self._needed >> k & 1)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether samples are under construction, or may be made of several stamps."""
+        return bool(self._pending or self._tolerance)
+
+    @property
     def missing(self) -> tuple[str, ...]:
         """Streams that a sample needs and that have brought nothing so far."""
         needed = (name for bit, name in enumerate(STREAMS) if self._needed >> bit & 1)
@@ -152,6 +163,20 @@ class SampleMatcher:
             return None
         first, *others = stamps
         return min(max(min(abs(s - t) for t in other) for other in others) for s in first)
+
+    def is_new(self, stamp: int) -> bool:
+        """Whether a stamp is newer than the last complete sample's."""
+        return self._last is None or stamp > self._last
+
+    def straight(self, stamp: int) -> Matched:
+        """Take a sample all of whose messages came together, at a stamp that :meth:`is_new`.
+
+        The caller writes its numbers, world axes, to :attr:`sample` at :data:`PLACES` and then
+        calls :meth:`fill_loads`. Not to be used while others are :attr:`waiting`.
+        """
+        for name in self._names:
+            self.received[name] += 1
+        return self._begin(stamp, self._last)
 
     def pose(self, body: int, stamp: int, frame: str, pose: Vector) -> Matched | None:
         """Take the pose (7: position, quaternion) of body A (0) or B (1) in the world."""
@@ -271,13 +296,17 @@ class SampleMatcher:
         for older in overtaken:
             del self._pending[older]
         self.counts.incomplete += len(overtaken)
-        self._old.clear()
+        self._fill(slot)
+        return self._begin(stamp, last)
+
+    def _begin(self, stamp: int, last: int | None) -> Matched:
+        if self._old:
+            self._old.clear()
         self._again = self._insisted = 0
         self._step = 0 if last is None else stamp - last
         self._last = stamp
         self.counts.samples += 1
-        self._fill(slot)
-        return Matched(stamp, self._step * 1e-9, repeated=False, restarted=False)
+        return Matched(stamp, self._step * 1e-9, False, False)
 
     def _fill(self, slot: _Slot) -> None:
         """Write the sample's numbers; what is in body axes is turned into the world's."""
@@ -285,13 +314,17 @@ class SampleMatcher:
             if self._needed >> 2 * body & 1:
                 pose, _ = slot.pieces[2 * body + _POSE]
                 twist, in_world = slot.pieces[2 * body + _TWIST]
-                self.sample[_PLACES[2 * body + _POSE]] = pose
-                self.sample[_PLACES[2 * body + _TWIST]] = (
+                self.sample[PLACES[2 * body + _POSE]] = pose
+                self.sample[PLACES[2 * body + _TWIST]] = (
                     twist if in_world else into_world(pose, twist)
                 )
-            load = self._loads[body]
+        self.fill_loads()
+
+    def fill_loads(self) -> None:
+        """Write the loads in force to the sample; those in body axes turn with its poses."""
+        for body, load in enumerate(self._loads):
             if load is not None:
-                pose = self.sample[_PLACES[2 * body + _POSE]].tolist()
+                pose = self.sample[PLACES[2 * body + _POSE]].tolist()
                 self.sample[_LOADS[body]] = load[0] if load[1] else into_world(pose, load[0])
 
 

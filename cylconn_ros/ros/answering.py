@@ -21,6 +21,7 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.ros import cdr, commands
 from cylconn_ros.ros.cdr_writers import JointStateWriter, StampedWriter, StateWriter
+from cylconn_ros.ros.express import Lane, Likeness
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -31,10 +32,25 @@ STATE = "cylconn_ros/msg/ConnectorState"
 
 BODIES = ("body_a", "body_b")
 COMMAND = "~/command"
+STATE_TOPIC, JOINTS_TOPIC = "~/state", "~/joint_state"
+
+_WRENCHES = [slice(at, at + 6) for at in (layout.FORCE_A, layout.FORCE_B)]
+_JOINTS = (
+    layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
+    layout.MOMENT,
+)  # fmt: skip
+_WORST = (
+    layout.OFFSET_VIOLATION, layout.ANGULAR_VIOLATION, layout.RESIDUAL, layout.COMPUTING_TIME,
+)  # fmt: skip
+_FIRST_WORST = min(_WORST)
+_OFFSET, _ANGLE, _RESIDUAL, _TIME = (at - _FIRST_WORST for at in _WORST)
 
 
 class Answer(NamedTuple):
-    """The messages that answer a sample; without state where nothing could be computed."""
+    """The messages that answer a sample.
+
+    Without state where nothing could be computed or nobody wants it, and without joint state.
+    """
 
     stamp: int  # ns
     wrench_a: bytes
@@ -109,16 +125,14 @@ class Answering:
         What is imposed on slide and spin, by the scene or by the last command.
     held
         The last message of every load, by relative topic: what acts until the next.
+    wanted
+        Whether somebody wants an output that is there for tools, ``~/state`` or ``~/joint_state``.
 
     Raises SceneError at construction where the connector cannot serve the scene.
     """
 
     def __init__(self, scene: Scene, previous: Answering | None = None) -> None:
-        """Serve ``scene``; ``previous`` hands over its counts and is not to be used again.
-
-        It also hands over its history where the change of scene allows it (:attr:`continues`), and
-        what commands impose where the scene's own ``command`` has not changed.
-        """
+        """Serve ``scene``, taking over from ``previous`` if given (:meth:`take_over`)."""
         self.scene = scene
         self.connector = Connector(scene)
         self.connector.step(_ANY_SAMPLE, 1e-3)  # compiled now, not while a sample waits
@@ -126,6 +140,9 @@ class Answering:
         self.imposed = commands.in_scene(scene.command)
         self.held: dict[str, bytes] = {}
         self.matcher = SampleMatcher(scene)
+        self.wanted: Callable[[str], bool] = lambda _: True
+        self._lane = Lane(self.matcher)
+        self._seen = b""  # a message that was held when somebody last looked
         self.health = Health()
         self.inputs = self._make_inputs()
         self._out = np.zeros(layout.NOUT)
@@ -135,26 +152,37 @@ class Answering:
         self._state = StateWriter(scene.body_a.frame, self.connector.method)
         self._joints = JointStateWriter(scene.body_a.frame, commands.COMPONENTS)
         self._answer: Answer | None = None
-        self.continues = previous is not None and _same(previous.scene, scene, _HISTORY)
+        self.continues = False
         if previous is not None:
-            self._take_over(previous)
+            self.take_over(previous)
 
-    def _take_over(self, previous: Answering) -> None:
-        self.health = previous.health
+    def take_over(self, previous: Answering) -> None:
+        """Take the counts of ``previous``, which is not to be used again, and what it has in force.
+
+        It also hands over its history where the change of scene allows it (:attr:`continues`), and
+        what commands impose where the scene's own ``command`` has not changed.
+        """
+        self.continues = _same(previous.scene, self.scene, _HISTORY)
+        self.health, self.wanted = previous.health, previous.wanted
         self.held = {name: data for name, data in previous.held.items() if name in self.inputs}
         self.matcher.take_over(previous.matcher, history=self.continues)
         if self.continues:
             self.connector.memory = previous.connector.memory
             self._answer = previous._answer
         memory = self.connector.memory
+        kept = self.keep_imposed(previous)
+        self.connector.memory = memory  # imposed motion goes on from where it has got to
+        self._impose({name: new for name, new in self.imposed.items() if name not in kept})
+
+    def keep_imposed(self, previous: Answering) -> dict[str, commands.Imposition]:
+        """Impose what ``previous`` does by command; raises ValueError where the method cannot."""
         kept = {
             name: imposed
             for name, imposed in previous.imposed.items()
             if _same(previous.scene, self.scene, f"command.{name}.")
         }
         self._impose(kept)
-        self.connector.memory = memory  # imposed motion goes on from where it has got to
-        self._impose({name: new for name, new in self.imposed.items() if name not in kept})
+        return kept
 
     def reset(self) -> None:
         """Forget the reference configuration and all history; the next sample begins a new one.
@@ -162,8 +190,16 @@ class Answering:
         Loads and commands hold.
         """
         self.connector.reset()
+        self._lane.give_back(self._ordinary)
         self.matcher.forget()
         self._answer = None
+
+    def settle(self) -> None:
+        """Count what is held for a sample that does not go on; to be called now and then."""
+        held = next(iter(self._lane.held.values()), b"")
+        if held and held is self._seen:
+            self._lane.give_back(self._ordinary)
+        self._seen = held
 
     def release(self) -> None:
         """Impose what the scene's parameters say, whatever was commanded."""
@@ -190,25 +226,55 @@ class Answering:
         return self._only_wrenches(self._answer.stamp + 1)
 
     def _make_inputs(self) -> dict[str, Input]:
-        kinds: dict[str, tuple[str, Callable[[int, bytes], Matched | None]]] = {
-            "pose": (POSE, self._pose),
-            "twist": (TWIST, self._twist),
-            "odom": (ODOMETRY, self._odometry),
-            "load": (WRENCH, self._load),
-        }
         inputs: dict[str, Input] = {}
         for body, topic in _of_bodies(self.scene):
-            kind, take = kinds[topic]
-            mine = functools.partial(take, body)
-            inputs[f"{BODIES[body]}/{topic}"] = Input(kind, functools.partial(self._receive, mine))
+            if topic in ("pose", "twist"):
+                kind = POSE if topic == "pose" else TWIST
+                receive = functools.partial(self._motion, 2 * body + (topic == "twist"))
+            else:
+                kind, take = (ODOMETRY, self._odometry) if topic == "odom" else (WRENCH, self._load)
+                receive = functools.partial(self._receive, functools.partial(take, body))
+            inputs[f"{BODIES[body]}/{topic}"] = Input(kind, receive)
         inputs[COMMAND] = Input(JOINT_STATE, functools.partial(self._receive, self._command))
         return inputs
 
+    def _motion(self, stream: int, data: bytes) -> Answer | None:
+        """Take a pose or twist: by the express lane, or else on the ordinary way."""
+        begin = time.perf_counter()
+        taken = self._lane.take(stream, data)
+        if taken is True:
+            return None
+        if taken is False:
+            self._lane.give_back(self._ordinary)
+            return self._ordinary(stream, data)
+        try:
+            return self._serve(taken, begin)
+        except Exception as error:
+            return self._failed(error, taken)
+
+    def _ordinary(self, stream: int, data: bytes) -> Answer | None:
+        body, twist = divmod(stream, 2)
+        take = self._twist if twist else self._pose
+        return self._receive(functools.partial(take, body), data)
+
     def _pose(self, body: int, data: bytes) -> Matched | None:
-        return self.matcher.pose(body, *cdr.read_pose(data))
+        read = cdr.read_pose(data)
+        self._learn(2 * body, data, 7, read.frame in ("", self.scene.world_frame))
+        return self.matcher.pose(body, *read)
 
     def _twist(self, body: int, data: bytes) -> Matched | None:
-        return self.matcher.twist(body, *cdr.read_twist(data))
+        read = cdr.read_twist(data)
+        default = self.scene.twist_axes == "world" and not read.frame
+        self._learn(2 * body + 1, data, 6, default or read.frame == self.scene.world_frame)
+        return self.matcher.twist(body, *read)
+
+    def _learn(self, stream: int, data: bytes, numbers: int, in_world: bool) -> None:
+        """Let messages that are like this one take the express lane, if they may."""
+        likeness = Likeness.of(data, numbers) if in_world else None
+        if likeness is None:
+            self._lane.likenesses.pop(stream, None)
+        else:
+            self._lane.likenesses[stream] = likeness
 
     def _odometry(self, body: int, data: bytes) -> Matched | None:
         stamp, frame, child, pose, twist = cdr.read_odometry(data)
@@ -242,9 +308,14 @@ class Answering:
         except cdr.CdrError as error:
             self.health.undecodable += 1
             self.health.undecodable_text = str(error)
-        except Exception as error:  # the loop goes on: counted, reported, and no force
-            self.health.failed += 1
-            self.health.failure = f"{type(error).__name__}: {error}"
+            return None
+        except Exception as error:
+            return self._failed(error, matched)
+
+    def _failed(self, error: Exception, matched: Matched | None) -> Answer | None:
+        """Go on: counted, reported, and no force."""
+        self.health.failed += 1
+        self.health.failure = f"{type(error).__name__}: {error}"
         return None if matched is None else self._only_wrenches(matched.stamp)
 
     def _serve(self, matched: Matched, begin: float) -> Answer:
@@ -263,18 +334,16 @@ class Answering:
         return self._answer
 
     def _write(self, stamp: int, out: np.ndarray) -> Answer:
-        numbers = out.tolist()
+        joints = None
+        if self.wanted(JOINTS_TOPIC):
+            length, angle, velocity, spin, force, moment = (out[k].item() for k in _JOINTS)
+            joints = self._joints.write(stamp, (length, angle), (velocity, spin), (force, moment))
         return Answer(
             stamp,
-            self._wrenches[0].write(stamp, out[layout.FORCE_A : layout.FORCE_A + 6]),
-            self._wrenches[1].write(stamp, out[layout.FORCE_B : layout.FORCE_B + 6]),
-            self._state.write(stamp, out),
-            self._joints.write(
-                stamp,
-                (numbers[layout.LENGTH], numbers[layout.ANGLE]),
-                (numbers[layout.VELOCITY], numbers[layout.ANGULAR_VELOCITY]),
-                (numbers[layout.FORCE], numbers[layout.MOMENT]),
-            ),
+            self._wrenches[0].write(stamp, out[_WRENCHES[0]]),
+            self._wrenches[1].write(stamp, out[_WRENCHES[1]]),
+            self._state.write(stamp, out) if self.wanted(STATE_TOPIC) else None,
+            joints,
         )
 
     def _only_wrenches(self, stamp: int) -> Answer:
@@ -285,20 +354,24 @@ class Answering:
     def _examine(self, out: np.ndarray) -> None:
         """Keep what diagnostics will say about an answer."""
         health = self.health
-        status = out[layout.STATUS]
+        regime, stop, lock, status, flags = out[layout.REGIME : layout.NOUT].tolist()
         if status != layout.OK:
             health.not_finite += int(status == layout.NOT_FINITE)
             health.bad_quaternion += int(status == layout.BAD_QUATERNION)
             health.no_period += int(status == layout.NO_PERIOD)
             return
-        numbers = out.tolist()
-        health.worst_residual = max(health.worst_residual, numbers[layout.RESIDUAL])
-        health.worst_offset = max(health.worst_offset, numbers[layout.OFFSET_VIOLATION])
-        health.worst_angle = max(health.worst_angle, numbers[layout.ANGULAR_VIOLATION])
-        health.worst_time = max(health.worst_time, numbers[layout.COMPUTING_TIME])
-        health.flags |= int(numbers[layout.FLAGS])
-        health.stops |= int(numbers[layout.STOP])
-        health.regime, health.lock = int(numbers[layout.REGIME]), int(numbers[layout.LOCK])
+        numbers = out[_FIRST_WORST : layout.REGIME].tolist()
+        if numbers[_RESIDUAL] > health.worst_residual:
+            health.worst_residual = numbers[_RESIDUAL]
+        if numbers[_OFFSET] > health.worst_offset:
+            health.worst_offset = numbers[_OFFSET]
+        if numbers[_ANGLE] > health.worst_angle:
+            health.worst_angle = numbers[_ANGLE]
+        if numbers[_TIME] > health.worst_time:
+            health.worst_time = numbers[_TIME]
+        health.flags |= int(flags)
+        health.stops |= int(stop)
+        health.regime, health.lock = int(regime), int(lock)
 
 
 def _same(before: Scene, after: Scene, beginning: str | tuple[str, ...]) -> bool:

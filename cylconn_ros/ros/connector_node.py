@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +21,7 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.scene_file import dump, scene_part
 from cylconn_ros.methods.step import step
 from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.ros import process
+from cylconn_ros.ros import loop, process
 from cylconn_ros.ros.answering import Answer, Answering
 from cylconn_ros.ros.arguments import Arguments
 from cylconn_ros.ros.diagnostics import Links, Monitor
@@ -56,11 +57,18 @@ class ConnectorNode(LifecycleNode):
         self.done = Future()
         self.failure = ""  # why a transition failed
         self.parameters = SceneParameters(self, scene, self._prepare, self._apply)
-        self.recorder = Recorder(Path(scene.record.directory))
+        self._lock = threading.RLock()  # of all that answering a sample changes
+        self.recorder = Recorder(Path(scene.record.directory), self._lock)
         self.links = Links()
         self.answering: Answering | None = None
         self._prepared: Answering | None = None
-        self._topics = Topics(self, self.links)
+        lacking = loop.missing(self)
+        if lacking:
+            self.get_logger().warning(
+                f"this rclpy has no {lacking}: samples are served by its executor, which is slower"
+            )
+        serving = None if lacking else loop.Loop(self, self._lock, self.caught)
+        self._topics = Topics(self, self.links, serving)
         self._said: dict[str, str] = {}  # what the log has last said of each part of diagnostics
         check_qos_overrides(self, parameters, scene)
         self._answered_at = 0.0
@@ -85,31 +93,40 @@ class ConnectorNode(LifecycleNode):
 
     # --- samples ---------------------------------------------------------------------------------
 
-    def _receive(self, name: str, topic: str, data: bytes) -> None:
+    def _receive(self, name: str, topic: str, data: bytes) -> bool:
         """Take a message of input ``name``, received on ``topic``: answer, publish, record."""
         assert self.answering is not None
-        came = now()
+        recording = self.recorder.running
+        came = now() if recording else 0
         answer = self.answering.inputs[name].receive(data)
         if answer is not None:
             self._topics.publish(answer)
             self._answered_at = time.monotonic()
             self._history += 1
-        if self.recorder.running:
+        if recording:
             self.recorder.write(topic, data, came)
-            if answer is not None:
-                self._record(answer)
-        if answer is not None:
-            self._topics.draw(answer.stamp, self.answering)
+        if answer is None:
+            return False
+        self._record(answer)
+        self._topics.draw(answer.stamp, self.answering)
+        return True
 
     def _record(self, answer: Answer) -> None:
-        went = now()
-        for topic, data in self._topics.outgoing(answer):
-            self.recorder.write(topic, data, went)
+        if self.recorder.running:
+            went = now()
+            for topic, data in self._topics.outgoing(answer):
+                self.recorder.write(topic, data, went)
+
+    def _wanted(self, name: str) -> bool:
+        """Whether an output is to be made: somebody listens, or it is recorded."""
+        return self.recorder.running or self._topics.wanted(name)
 
     def _look(self) -> None:
         """Watch the timeout; on the steady clock, since simulated time stops with the samples."""
         if self.answering is None or self.links.state != "active":
             return
+        with self._lock:
+            self.answering.settle()
         reason = self._waiting.look(self.answering.matcher, self.scene, time.monotonic())
         if reason:
             self.get_logger().warning(reason)
@@ -127,10 +144,11 @@ class ConnectorNode(LifecycleNode):
         self.links.silent = silent
 
     def _send_zero(self) -> None:
-        answer = None if self.answering is None else self.answering.zero()
-        if answer is not None:
-            self._topics.publish(answer)
-            self._record(answer)
+        with self._lock:
+            answer = None if self.answering is None else self.answering.zero()
+            if answer is not None:
+                self._topics.publish(answer)
+                self._record(answer)
 
     def _diagnose(self) -> None:
         stamp = self.get_clock().now().to_msg()
@@ -210,6 +228,7 @@ class ConnectorNode(LifecycleNode):
     def _configure(self, _state: LifecycleState) -> None:
         process.announce_compiling(step, self.get_logger().info)
         self.answering = Answering(self.scene)
+        self.answering.wanted = self._wanted
         self._topics.open_outputs(self.scene)
         self.get_logger().info(self.answering.connector.model)
 
@@ -243,7 +262,8 @@ class ConnectorNode(LifecycleNode):
     # --- services and parameters -----------------------------------------------------------------
 
     def _start_recording(self, _request: Any, response: Any) -> Any:
-        return self._respond(response, self._open_recording)
+        with self._lock:
+            return self._respond(response, self._open_recording)
 
     def _stop_recording(self, _request: Any, response: Any) -> Any:
         return self._respond(response, self.recorder.stop)
@@ -291,10 +311,11 @@ class ConnectorNode(LifecycleNode):
         """Forget all history; a recording goes on in a new run, as a run is one history."""
         if self.answering is None:
             raise SceneError(f"the node is {self.links.state}: nothing to reset")
-        self._forget()
-        if not self.recorder.running:
-            return "reset: the next sample is the reference configuration"
-        return f"reset; {self.recorder.stop()}; {self._open_recording()}"
+        with self._lock:
+            self._forget()
+            if not self.recorder.running:
+                return "reset: the next sample is the reference configuration"
+            return f"reset; {self.recorder.stop()}; {self._open_recording()}"
 
     def _forget(self) -> None:
         assert self.answering is not None
@@ -308,19 +329,23 @@ class ConnectorNode(LifecycleNode):
         if self.recorder.running:
             raise SceneError("parameters cannot change during a recording; call ~/stop_recording")
         if self.answering is not None:
-            self._prepared = Answering(scene, self.answering)
+            self._prepared = Answering(scene)
+            self._prepared.keep_imposed(self.answering)
 
     def _apply(self, scene: Scene, before: Scene) -> None:
         changes = ", ".join(f"{n}: {old} -> {new}" for n, old, new in differences(before, scene))
         self.get_logger().info(f"parameters changed: {changes or 'nothing'}")
-        if self._prepared is None:
+        prepared, previous, self._prepared = self._prepared, self.answering, None
+        if prepared is None or previous is None:
             return
-        model = "" if self.answering is None else self.answering.connector.model
-        self.answering, self._prepared = self._prepared, None
-        if self.answering.connector.model != model:
-            self.get_logger().info(self.answering.connector.model)
-        if not self.answering.continues:
-            self._forget()
+        with self._lock:
+            prepared.take_over(previous)
+            self.answering = prepared
+            if not prepared.continues:
+                self._forget()
+        if prepared.connector.model != previous.connector.model:
+            self.get_logger().info(prepared.connector.model)
+        if not prepared.continues:
             self.get_logger().info("the next sample is the reference configuration")
 
 

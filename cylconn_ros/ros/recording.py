@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
@@ -18,7 +20,9 @@ class Recorder:
     ``permitted`` is the directory that runs may be put in or below; None: any.
     """
 
-    def __init__(self, permitted: Path | None = None) -> None:
+    def __init__(self, permitted: Path | None = None, lock: Any = None) -> None:
+        """``lock`` is held by whoever writes, and here while a run is taken away from them."""
+        self._lock = lock or contextlib.nullcontext()
         self._permitted = None if permitted is None else permitted.expanduser().resolve()
         self._writer: RunWriter | None = None
         self._error = ""
@@ -98,9 +102,10 @@ class Recorder:
 
     def stop(self) -> str:
         """Close the run and say what it holds; raises RecordingError where closing fails."""
-        if self._writer is None:
+        with self._lock:
+            writer, self._writer = self._writer, None
+        if writer is None:
             raise RecordingError("not recording")
-        writer, self._writer = self._writer, None
         try:
             writer.close()
         except RecordingError as error:

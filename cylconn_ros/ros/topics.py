@@ -18,6 +18,7 @@ from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import qos
 from cylconn_ros.ros.answering import Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
+from cylconn_ros.ros.loop import Entry, Loop
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
 
@@ -28,16 +29,20 @@ OUTPUTS = (
     ("~/state", messages.STATE),
     ("~/joint_state", messages.JOINT_STATE),
 )
-Receive = Callable[[str, str, bytes], None]
+Receive = Callable[[str, str, bytes], bool]
+_FIRST = ("load", "command")  # act on the sample that waits with them
 
 
 class Topics:
     """Publishers and subscriptions, opened and closed with the node's lifecycle."""
 
-    def __init__(self, node: LifecycleNode, links: Links) -> None:
-        self._node = node
+    def __init__(self, node: LifecycleNode, links: Links, loop: Loop | None) -> None:
+        """``loop`` serves the inputs; None: the node's executor does."""
+        self._node, self._loop = node, loop
         self._links = links
         self._publishers: list[Any] = []
+        self._send: list[Callable[[bytes], object]] = []
+        self._listeners: dict[str, Callable[[], int]] = {}
         self._subscriptions: dict[str, Any] = {}
         self._names: dict[str, tuple[str, str, qos.QoSProfile]] = {}
         self._marker_publisher: Any = None
@@ -59,6 +64,11 @@ class Topics:
                 )
             )
             self._names[name] = (topic, kind, profile)
+            made = self._publishers[-1]
+            # Inputs are open while the node is active only, so the state need not be asked again.
+            self._send.append(made.publish if self._loop is None else made.handle.publish_raw)
+            counted = made if self._loop is None else made.handle
+            self._listeners[name] = counted.get_subscription_count
         if scene.markers:
             self._markers = Markers(scene)
             self._marker_publisher = self._node.create_lifecycle_publisher(
@@ -71,10 +81,16 @@ class Topics:
             if publisher is not None:
                 self._node.destroy_lifecycle_publisher(publisher)
         self._publishers.clear()
+        self._send.clear()
+        self._listeners.clear()
         self._marker_publisher = self._markers = None
 
     def open_inputs(self, answering: Answering, receive: Receive) -> None:
-        """Subscribe to the inputs; ``receive`` gets the input's name, its topic and the bytes."""
+        """Subscribe to the inputs; ``receive`` gets the input's name, its topic and the bytes.
+
+        It returns whether that completed a sample.
+        """
+        entries = []
         for name, wanted in answering.inputs.items():
             topic = self._node.resolve_topic_name(name)
             profile = qos.samples()
@@ -88,9 +104,16 @@ class Topics:
                 **qos.reading(functools.partial(self._incompatible, topic), self._lost),
             )
             self._names[name] = (topic, wanted.type, profile)
+            take = functools.partial(receive, name, topic)
+            entries.append(Entry(self._subscriptions[name], take))
+        if self._loop is not None:
+            entries.sort(key=lambda entry: not entry.subscription.topic_name.endswith(_FIRST))
+            self._loop.open(entries)
 
     def close_inputs(self) -> None:
         """Take the subscriptions back."""
+        if self._loop is not None:
+            self._loop.close()
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
@@ -98,12 +121,16 @@ class Topics:
     def publish(self, answer: Answer) -> None:
         """Publish an answer, the wrenches first; a failure is counted."""
         try:
-            for publisher, data in zip(self._publishers, answer[1:], strict=True):
+            for send, data in zip(self._send, answer[1:], strict=True):
                 if data is not None:
-                    publisher.publish(data)
+                    send(data)
         except Exception as error:
             self._links.unsent += 1
             self._links.unsent_text = str(error)
+
+    def wanted(self, name: str) -> bool:
+        """Whether anybody listens to an output."""
+        return self._listeners[name]() > 0
 
     def draw(self, stamp: int, answering: Answering) -> None:
         """Publish markers, at most RATE times a second."""

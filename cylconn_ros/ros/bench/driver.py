@@ -1,0 +1,155 @@
+"""Who asks: sends samples to one contestant after the other and times the answers.
+
+``python -m cylconn_ros.ros.bench.driver`` reads a line of JSON a task from its input (``name``, a
+namespace; ``pid`` of its process; ``rate``, samples a second or 0 for a closed loop; ``samples``)
+and prints one with what was measured. It is light itself: bytes laid out once, one wait set.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from cylconn_ros.ros import cdr
+from cylconn_ros.ros.answering import POSE
+from cylconn_ros.ros.bench.topics import INPUTS, OUTPUTS
+from cylconn_ros.ros.cdr_writers import StampedWriter
+from cylconn_ros.ros.loop import WaitSet
+from cylconn_ros.ros.message_types import message_class
+
+PERIOD = 1_000_000  # ns between stamps, whatever the rate is
+_QUEUE = QoSProfile(depth=2000)  # reliable; what is lost is lost by a contestant
+_PATIENCE = 2.0  # s for answers after the last sample was sent
+_MEETING = 120.0  # s for a contestant to appear
+_SPEED = 1e-4  # m a sample: the sleeve slides steadily
+
+
+def cpu_time(pid: int) -> float:
+    """Seconds of processor time that a process has used, all its threads."""
+    return time.clock_gettime((~pid << 3) | 2)
+
+
+class Contestant:
+    """The topics of one node, and the stamps it has been sent."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._senders = []
+        for topic, kind in INPUTS.items():
+            publisher = node.create_publisher(message_class(kind), f"/{name}/{topic}", _QUEUE)
+            writer = StampedWriter("world", 7 if kind == POSE else 6)
+            values = np.zeros(7 if kind == POSE else 6)
+            self._senders.append((publisher.handle.publish_raw, writer, values))
+            if kind == POSE:
+                values[6] = 1.0
+        self._senders[-1][2][0] = _SPEED / (PERIOD * 1e-9)
+        self._publishers = list(node.publishers)[-len(INPUTS) :]
+        self._outputs = []
+        for topic, kind in OUTPUTS.items():
+            subscription = node.create_subscription(
+                message_class(kind), f"/{name}/{topic}", lambda _: None, _QUEUE, raw=True
+            )
+            self._outputs.append(subscription)
+        self._waiting = WaitSet([s.handle for s in self._outputs], node.context)
+        self._sent = 0
+
+    def met(self) -> bool:
+        """Whether everything is connected."""
+        return all(p.get_subscription_count() for p in self._publishers) and all(
+            s.get_publisher_count() for s in self._outputs
+        )
+
+    def send(self) -> tuple[int, int]:
+        """Send the next sample; its stamp, and when the message that completed it went (ns)."""
+        self._sent += 1
+        stamp = self._sent * PERIOD
+        self._senders[2][2][0] += _SPEED
+        messages = [(publish, w.write(stamp, values)) for publish, w, values in self._senders]
+        for publish, data in messages[:-1]:
+            publish(data)
+        publish, data = messages[-1]
+        now = time.perf_counter_ns()
+        publish(data)
+        return stamp, now
+
+    def take(self, timeout: int) -> list[int]:
+        """Stamps of the answers that come within ``timeout`` ns, one for each message."""
+        found = []
+        for k in self._waiting.wait(timeout):
+            subscription = self._outputs[k]
+            while (
+                taken := subscription.handle.take_message(subscription.msg_type, True)
+            ) is not None:
+                found.append(cdr.read_stamp(taken[0]))
+        return found
+
+
+def measure(contestant: Contestant, pid: int, rate: float, samples: int) -> dict[str, Any]:
+    """Send ``samples``; at ``rate`` a second, or each when the one before is answered (0)."""
+    sent: dict[int, int] = {}
+    left: dict[int, int] = {}  # answers that are still out, by stamp
+    delays = []
+    count = 0
+    cpu, begin = cpu_time(pid), time.perf_counter_ns()
+    gap = round(1e9 / rate) if rate else 0
+    deadline = 0
+    while count < samples or left:
+        now = time.perf_counter_ns()
+        if count < samples and (now >= begin + count * gap if rate else not left):
+            stamp, sent[stamp] = contestant.send()
+            left[stamp] = len(OUTPUTS)
+            count += 1
+            deadline = time.perf_counter_ns() + round(_PATIENCE * 1e9)
+            continue
+        if now > deadline and (count == samples or not rate):
+            if rate or count == samples:
+                break
+            left.clear()  # lost; a closed loop goes on with the next
+            continue
+        until = begin + count * gap if rate and count < samples else deadline
+        for stamp in contestant.take(max(1000, until - now)):
+            if stamp in left:
+                left[stamp] -= 1
+                if not left[stamp]:
+                    delays.append((time.perf_counter_ns() - sent[stamp]) * 1e-9)
+                    del left[stamp]
+    wall = (time.perf_counter_ns() - begin) * 1e-9
+    return {
+        "delays": [float(q) for q in np.quantile(delays, (0.5, 0.95, 0.99))] if delays else [],
+        "cpu": (cpu_time(pid) - cpu) / samples,
+        "answered": len(delays),
+        "sent": samples,
+        "rate": samples / wall,
+    }
+
+
+def main() -> int:
+    """Do tasks until the input ends."""
+    rclpy.init()
+    node = rclpy.create_node("driver")
+    contestants: dict[str, Contestant] = {}
+    for line in sys.stdin:
+        task = json.loads(line)
+        name = task["name"]
+        if name not in contestants:
+            contestants[name] = Contestant(node, name)
+            end = time.monotonic() + _MEETING
+            while not contestants[name].met():
+                if time.monotonic() > end:
+                    raise RuntimeError(f"{name} did not appear within {_MEETING:g} s")
+                time.sleep(0.05)
+            time.sleep(0.5)  # it must have seen us, too
+        found = measure(contestants[name], task["pid"], task["rate"], task["samples"])
+        print(json.dumps(found), flush=True)
+    rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,140 @@
+"""The express lane is only faster: whatever comes in whatever order, the answers are the same."""
+
+import random
+import struct
+import sys
+
+import numpy as np
+import pytest
+from ros_processes import Listener, Source, parameters, program
+from test_live_answering import MS, Loop, make
+
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout
+from cylconn_ros.ros import cdr, express
+from cylconn_ros.ros.answering import Answering
+from cylconn_ros.ros.cdr_writers import StampedWriter
+from cylconn_ros.ros.express import Likeness
+
+NAMES = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
+# Where the computing time stands in the bytes of a state: nothing else may differ.
+TIME = 8 * (layout.COMPUTING_TIME - layout.STATE0)
+
+
+def messages(rng: random.Random, count: int) -> list[tuple[str, bytes]]:
+    """Messages of a motion, with all that can happen to them on their way."""
+    found: list[tuple[str, bytes]] = []
+    frames = {"pose": ["world"] * 30 + ["", "map"], "twist": ["world"] * 30 + ["", "body_b", "x"]}
+    stamp = 0
+    for _ in range(count):
+        stamp += rng.choice([MS] * 20 + [MS + 500, 0, -MS, -30 * MS])
+        sample = []
+        for name in rng.sample(NAMES, 4) if rng.random() < 0.2 else NAMES:
+            kind = name.partition("/")[2]
+            values = np.array([rng.gauss(0.0, 0.01) for _ in range(7 if kind == "pose" else 6)])
+            if kind == "pose":
+                values[6] = 1.0
+            frame = rng.choice(frames[kind])
+            data = StampedWriter(frame, len(values)).write(max(stamp, 0), values)
+            if rng.random() < 0.02:
+                data = rng.choice([data[:-3], data + b"\0\0", b"", big_endian(data)])
+            sample += [(name, data)] * rng.choice([1] * 40 + [0, 2])
+        if rng.random() < 0.05:
+            load = StampedWriter(rng.choice(["world", "body_b"])).write(stamp, np.ones(6))
+            sample.insert(rng.randrange(len(sample) + 1), ("body_b/load", load))
+        found += sample
+    for _ in range(count // 20):  # overtaken on the way
+        at = rng.randrange(len(found) - 5)
+        found.insert(at + rng.randrange(5), found.pop(at))
+    return found
+
+
+def big_endian(data: bytes) -> bytes:
+    """The same message as a machine of the other byte order writes it."""
+    seconds, nanoseconds, length = struct.unpack_from("<iII", data, 4)
+    text = data[16 : 16 + length]
+    at = 16 + length + (4 - (16 + length)) % 8
+    numbers = struct.unpack_from(f"<{(len(data) - at) // 8}d", data, at)
+    head = b"\0\0\0\0" + struct.pack(">iII", seconds, nanoseconds, length) + text
+    return head.ljust(at, b"\0") + struct.pack(f">{len(numbers)}d", *numbers)
+
+
+def serve(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, Answering]:
+    answering = Answering(scene)
+    found = []
+    for name, data in stream:
+        answer = answering.inputs[name].receive(data)
+        if answer is not None:
+            state = answer.state
+            if state is not None:
+                block = state.index(b"body_a") + 12  # "body_a" and a zero, aligned to 8
+                state = state[: block + TIME] + state[block + TIME + 8 :]
+            found.append((*answer[:3], state, answer.joint_state))
+    return found, answering
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
+    stream = messages(random.Random(seed), 400)
+    scene = make(friction__coefficient=0.2, stamp_tolerance=1e-6 if seed == 5 else 0.0)
+    by_express, first = serve(scene, stream)
+    monkeypatch.setattr(Likeness, "of", classmethod(lambda *_: None))
+    ordinarily, second = serve(scene, stream)
+    assert len(by_express) > 100
+    assert by_express == ordinarily
+    first._lane.give_back(first._ordinary)
+    assert first.matcher.counts == second.matcher.counts
+    assert first.matcher.received == second.matcher.received
+    assert first.health.undecodable == second.health.undecodable > 0
+    np.testing.assert_array_equal(first.matcher.sample, second.matcher.sample)
+
+
+def test_samples_that_are_alike_take_it(monkeypatch):
+    loop = Loop(make())
+    loop.step()
+    monkeypatch.setattr(cdr, "read_pose", lambda _: pytest.fail("decoded"))
+    monkeypatch.setattr(cdr, "read_twist", lambda _: pytest.fail("decoded"))
+    for _ in range(5):
+        loop.step()
+    assert loop.answering.matcher.counts.samples == 6
+    assert loop.answering.matcher.received["body_b/twist"] == 6
+
+
+def test_what_is_held_in_vain_is_counted_in_the_end():
+    loop = Loop(make())
+    loop.step()
+    for name, data in list(loop.exchange.messages(loop.plant.time_ns, loop.plant.state))[:3]:
+        assert loop.answering.inputs[name].receive(data) is None
+    assert loop.answering.matcher.received["body_b/pose"] == 1
+    loop.answering.settle()
+    loop.answering.settle()
+    assert loop.answering.matcher.received["body_b/pose"] == 2
+    assert loop.answering.matcher.received["body_b/twist"] == 1
+    assert loop.sample() is not None  # the first three came twice
+
+
+def test_a_likeness_needs_numbers_where_they_belong():
+    message = StampedWriter("world", 7).write(5, np.arange(7.0))
+    assert Likeness.of(message, 7) == (len(message), len(message) - 56, message[12:-56])
+    assert Likeness.of(message + b"\0", 7) is None
+    assert Likeness.of(big_endian(message), 7) is None
+    assert express.Likeness.of(b"\0\1\0\0", 7) is None
+
+
+LACKING = """
+from cylconn_ros.ros import connector_node, loop
+loop.missing = lambda node: "WaitSet.wait"
+raise SystemExit(connector_node.main())
+"""
+
+
+def test_without_the_private_interface_the_executor_serves_and_it_is_said(peer, tmp_path):
+    with program(
+        [sys.executable, "-c", LACKING, *parameters("timeout:=.inf")], tmp_path
+    ) as running:
+        listener, source = Listener(peer), Source(peer)
+        listener.answer(source, 1 * MS)
+        listener.answer(source, 2 * MS)
+        text = "this rclpy has no WaitSet.wait: samples are served by its executor, which is slower"
+        assert text in running.output
+        assert running.stop() == 0
