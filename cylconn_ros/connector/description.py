@@ -10,6 +10,7 @@ _IDEAS = {
     "baumgarte": "accelerations with feedback, regularised friction: a loaded sleeve creeps",
     "penalty": "springs and dampers: gives by load/stiffness, stick is elastic",
     "augmented_lagrangian": "springs, dampers and a multiplier: stick is elastic",
+    "observe": "no wrench is sent; forces and friction of the motion seen",
     "minimal": "the scene in its own coordinates",
 }
 

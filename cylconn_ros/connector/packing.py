@@ -89,6 +89,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     for k, imposed in enumerate((scene.command.slide, scene.command.spin)):
         at = model.COMMAND + 3 * k
         par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
+    par[model.REST_RATE] = scene.friction.rest_rate
     par[model.LATENCY] = 0.0 if plant else scene.latency
     par[model.TABLE :] = table
     return par

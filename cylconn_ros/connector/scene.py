@@ -68,10 +68,19 @@ class Scene:
     period: float = parameter(0.001, ge=0.0, unit="s", doc="Sample period h; 0: from the stamps.")
     method: str = parameter(
         "auto",
-        choices=("auto", "impulse", "minimal", "baumgarte", "penalty", "augmented_lagrangian"),
+        choices=(
+            "auto",
+            "impulse",
+            "minimal",
+            "baumgarte",
+            "penalty",
+            "augmented_lagrangian",
+            "observe",
+        ),
         doc="Inertia known: impulse; minimal, the mean wrench of the integrated motion; baumgarte, "
         "the textbook's. Unknown: penalty, or augmented_lagrangian, which does not give. "
-        "auto: impulse where it can, else penalty.",
+        "auto: impulse where it can, else penalty. observe: no wrench; forces and friction of the "
+        "motion seen.",
     )
     tolerance: float = parameter(
         0.0,

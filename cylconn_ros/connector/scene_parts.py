@@ -150,6 +150,9 @@ class Friction:
         0.0, ge=0.0, unit="s/m", doc="Decay dc of mu = mu_k + (mu_s - mu_k) exp(-dc |s|)."
     )
     max_force: float = parameter(INF, ge=0.0, unit="N", doc="Cap on the friction traction P.")
+    rest_rate: float = parameter(
+        1e-3, ge=0.0, unit="m/s", doc="observe: slip that is slower counts as rest."
+    )
     table: FrictionTable | None = group(FrictionTable, absent=True)
 
     @property

@@ -31,6 +31,7 @@ def check(scene: Scene) -> None:
     _check_lock(scene)
     _check_command(scene)
     _check_tolerance(scene)
+    _check_observe(scene)
     _check_served(scene)
     if scene.period > 0.0 and scene.stamp_tolerance >= 0.5 * scene.period:
         raise SceneError(
@@ -50,6 +51,18 @@ def _check_served(scene: Scene) -> None:
                 f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
                 "motion; leave it out, or use impulse"
             )
+
+
+def _check_observe(scene: Scene) -> None:
+    if scene.method != "observe":
+        return
+    if "free" not in (scene.body_a.kind, scene.body_b.kind):
+        raise SceneError(
+            "method = 'observe': needs mass and inertia of a body (kind free), which its forces "
+            "are made of"
+        )
+    if scene.latency != 0:
+        raise SceneError(f"latency = {scene.latency}: must be 0 for observe, which sends no wrench")
 
 
 def _check_tolerance(scene: Scene) -> None:

@@ -35,7 +35,8 @@ COMMAND: Final = 96  # of slide, of spin: position, velocity, force (NaN: not im
 AUGMENTED: Final = 102  # share of the spring's force that the multiplier takes over (NaN: chosen)
 BAUMGARTE: Final = 103  # alpha, beta (NaN: from the period), regularisation velocity
 LATENCY: Final = 106  # periods from a sample to the action of its wrench; -1: measured
-TABLE: Final = 107  # rates, forces, values
+REST_RATE: Final = 107  # slip rate below which a motion seen counts as rest, m/s
+TABLE: Final = 108  # rates, forces, values
 
 # --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration
@@ -79,7 +80,9 @@ AHEAD: Final = 225  # the sample when its wrench acts (core/ahead.py)
 MISFIT: Final = 263  # of every latency, N^2
 LATE: Final = 272  # the latency measured, periods
 SEEN: Final = 273  # 2 x 3, velocities of the mass centres in the last sample
-NMEM: Final = 279
+MOMENTUM: Final = 279  # 2 x 3, angular momenta about the mass centres at the last sample
+HELD_LOADS: Final = 285  # 2 x 6, the last sample's loads about the mass centres, world axes
+NMEM: Final = 297
 
 
 class Output(NamedTuple):

@@ -9,19 +9,21 @@ from cylconn_ros.core.ahead import is_late, periods_late, predict, remember_sent
 from cylconn_ros.core.compiled import entry, inline
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.observe import status_of, write_measured
-from cylconn_ros.methods import augmented_lagrangian, baumgarte, impulse, penalty
+from cylconn_ros.methods import augmented_lagrangian, baumgarte, impulse, inverse, penalty
 
 IMPULSE: Final = 0
 PENALTY: Final = 1
 AUGMENTED_LAGRANGIAN: Final = 2
 BAUMGARTE: Final = 3
 MINIMAL: Final = 4
+OBSERVE: Final = 5
 NAMES: Final[dict[str, int]] = {
     "impulse": IMPULSE,
     "penalty": PENALTY,
     "augmented_lagrangian": AUGMENTED_LAGRANGIAN,
     "baumgarte": BAUMGARTE,
     "minimal": MINIMAL,
+    "observe": OBSERVE,
 }
 
 
@@ -96,6 +98,8 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
         flags = penalty.step(par, mem, now, h, out)
     elif method == AUGMENTED_LAGRANGIAN:
         flags = augmented_lagrangian.step(par, mem, now, h, out)
+    elif method == OBSERVE:
+        flags = inverse.step(par, mem, now, h, out)
     else:
         flags = baumgarte.step(par, mem, now, h, out)
     return ended(par, mem, sample, h, flags, out)
