@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib.util
 import json
 import math
 import os
@@ -28,7 +29,13 @@ from cylconn_ros.cli import main
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.simulation import simulate
 
-NEEDED = {"ours": "numpy", "scipy": "scipy", "mujoco": "mujoco"}
+PACKAGES = {"drake": "pydrake", "ours": "numpy"}
+INSTALLED = {
+    contestant.name: contestant
+    for contestant in CONTESTANTS.values()
+    if importlib.util.find_spec(PACKAGES.get(contestant.family, contestant.family))
+}
+"""What the environment of the tests has; the others are to be said to be absent."""
 
 
 @functools.cache
@@ -41,7 +48,7 @@ def truth_of(name: str) -> cases.Truth:
 def solved(name: str, contestant: str, value: float) -> Array:
     case = CASES[name]
     scene = cases.scene_of(bundled, case)
-    mild = {}
+    mild: cases.Truth = {}
     if "calibrated" in contestant:
         mild = case.answer(milder(scene), case.duration)
     task = Task(name, scene, case.duration, value, mild)
@@ -170,7 +177,7 @@ def test_regularised_scipy_creeps_and_cannot_jam() -> None:
     assert error("jam", solved("jam", "SciPy LSODA", 1e-6)) > 0.05
 
 
-LOOPS = [name for name, c in CONTESTANTS.items() if c.kind == "simulator" and "loop" in name]
+LOOPS = [name for name, c in INSTALLED.items() if c.kind == "simulator" and "loop" in name]
 
 
 @pytest.mark.parametrize("contestant", LOOPS)
@@ -269,7 +276,7 @@ def test_quick_precision_is_whole(tmp_path: Path, capsys: pytest.CaptureFixture[
     names = {m["contestant"] for m in data["measurements"]}
     gaps = {(gap["contestant"], gap["status"]) for gap in data["gaps"]}
     for name in CONTESTANTS:
-        assert name in names or {(name, "absent"), (name, "left out")} & gaps, name
+        assert name in names if name in INSTALLED else (name, "absent") in gaps, name
     assert {m["problem"] for m in data["measurements"]} == {"coast", "near_jam"}
     assert len(data["targets"]) == 4
     failed = [m["note"] for m in data["measurements"] if m["contestant"] == "penalty"]

@@ -24,6 +24,21 @@ def rotation(q: Sequence[float] | Array) -> Array:
     )
 
 
+def quaternion(axes: Array) -> Array:
+    """Of a rotation's matrix, x y z w, by the eigenvector of its symmetric form."""
+    (a, b, c), (d, e, f), (g, h, i) = axes
+    form = np.array(
+        [
+            [a - e - i, d + b, g + c, h - f],
+            [d + b, e - a - i, h + f, c - g],
+            [g + c, h + f, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
+    q: Array = np.linalg.eigh(form)[1][:, -1]
+    return q
+
+
 def product(p: Sequence[float] | Array, q: Sequence[float] | Array) -> Array:
     """The quaternion p q, x y z w."""
     a, b = np.asarray(p, dtype=float), np.asarray(q, dtype=float)

@@ -152,6 +152,19 @@ class Stops:
         return None
 
 
+class Spring:
+    """The spring on the slide: ``stiffness`` (N/m), and at which slide it is ``slack`` (m)."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.stiffness, self.slack = scene.elasticity.k1, 0.0
+        if not math.isnan(scene.reference.length):
+            self.slack = scene.reference.length - length(scene)
+
+    def force(self, slide: float) -> float:
+        """On B along the slot, N."""
+        return -self.stiffness * (slide - self.slack)
+
+
 def length(scene: Scene) -> float:
     """Position in the slot at the start, m."""
     pose_a = np.array(scene.initial_pose(0))

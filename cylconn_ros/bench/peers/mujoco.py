@@ -22,7 +22,7 @@ import numpy as np
 from cylconn_ros.bench.errors import LeftOutError
 from cylconn_ros.bench.frames import rotation
 from cylconn_ros.bench.mujoco_peer import MujocoScene
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Stops, length
+from cylconn_ros.bench.peers.joint import Coulomb, Joint, Spring, Stops, length
 from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, milder
 from cylconn_ros.connector.scene import Scene
 
@@ -104,10 +104,9 @@ def _slide(scene: Scene, h: float, limits: bool) -> str:
     """The slide's spring and stops."""
     text = []
     start = length(scene)
-    if scene.elasticity.k1 > 0.0:
-        slack = scene.reference.length
-        slack = start if math.isnan(slack) else slack
-        text.append(f'stiffness="{scene.elasticity.k1!r}" springref="{slack - start!r}"')
+    spring = Spring(scene)
+    if spring.stiffness:
+        text.append(f'stiffness="{spring.stiffness!r}" springref="{spring.slack!r}"')
     stops = Stops(scene, start)
     if limits and stops.on:
         # A contact of ten steps whose damping leaves the restitution.

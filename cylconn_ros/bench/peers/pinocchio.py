@@ -8,14 +8,13 @@ reaction of the last stage.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from cylconn_ros.bench.frames import rotation, tensor
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Stops, length
+from cylconn_ros.bench.peers.joint import Coulomb, Joint, Spring, Stops, length
 from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, package
 from cylconn_ros.connector.scene import Body
 
@@ -28,10 +27,7 @@ class Peer:
         self.task, scene = task, task.scene
         self.joint, self.law = Joint(scene), Coulomb(scene)
         self.stops = Stops(scene, length(scene))
-        self.spring = scene.elasticity.k1
-        self.slack = 0.0 if math.isnan(scene.reference.length) else (
-            scene.reference.length - length(scene)
-        )  # fmt: skip
+        self.spring = Spring(scene)
         joint = self.joint
         self.model = model = pin.Model()
         model.gravity.linear = np.array(scene.gravity)
@@ -68,8 +64,8 @@ class Peer:
 
     def free(self, q: Array, v: Array) -> Array:
         """Accelerations without friction."""
-        if self.spring:
-            self.tau[-2] = -self.spring * (q[-2] - self.slack)
+        if self.spring.stiffness:
+            self.tau[-2] = self.spring.force(float(q[-2]))
         return np.array(self.pin.aba(self.model, self.data, q, v, self.tau))
 
     def limit(self, q: Array, v: Array, a: Array) -> float:

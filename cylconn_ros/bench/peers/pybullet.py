@@ -9,13 +9,12 @@ solver's early end are switched off.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from cylconn_ros.bench.frames import product, rotation, tensor
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Stops, length
+from cylconn_ros.bench.frames import product, quaternion, rotation, tensor
+from cylconn_ros.bench.peers.joint import Coulomb, Joint, Spring, Stops, length
 from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, package
 from cylconn_ros.connector.scene import Body
 
@@ -31,10 +30,7 @@ class Peer:
         self.task, scene = task, task.scene
         self.joint, self.law = Joint(scene), Coulomb(scene)
         self.stops = Stops(scene, length(scene))
-        self.spring = scene.elasticity.k1
-        self.slack = 0.0 if math.isnan(scene.reference.length) else (
-            scene.reference.length - length(scene)
-        )  # fmt: skip
+        self.spring = Spring(scene)
         self.client = bullet.connect(bullet.DIRECT)
         self.body = self._made()
         self.saved = bullet.saveState(physicsClientId=self.client)
@@ -146,9 +142,9 @@ class Peer:
                     bullet.setJointMotorControl2(
                         body, k, bullet.VELOCITY_CONTROL, 0, force=force, physicsClientId=at
                     )
-            if spring:
+            if spring.stiffness:
                 bullet.setJointMotorControl2(
-                    body, 0, bullet.TORQUE_CONTROL, force=-spring * (slide - self.slack),
+                    body, 0, bullet.TORQUE_CONTROL, force=spring.force(slide),
                     physicsClientId=at,
                 )  # fmt: skip
             bullet.stepSimulation(physicsClientId=at)
@@ -211,22 +207,7 @@ def _principal(body: Body) -> tuple[Array, Array]:
     moments, axes = np.linalg.eigh(tensor(body))
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
-    return _quaternion(axes), moments
-
-
-def _quaternion(axes: Array) -> Array:
-    """Of a rotation's matrix, x y z w, by the eigenvector of its symmetric form."""
-    (a, b, c), (d, e, f), (g, h, i) = axes
-    form = np.array(
-        [
-            [a - e - i, d + b, g + c, h - f],
-            [d + b, e - a - i, h + f, c - g],
-            [g + c, h + f, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
-    q: Array = np.linalg.eigh(form)[1][:, -1]
-    return q
+    return quaternion(axes), moments
 
 
 def _prepare(task: Task) -> Solve:
