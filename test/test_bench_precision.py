@@ -239,7 +239,7 @@ def test_fronts_and_domination() -> None:
     assert fronts.front([slow, *ours, lost]) == ours
     peer = Point("MuJoCo RK4, loop", 1e-3, 2.5, 1e-5)
     assert fronts.at_equal_cost(ours, peer, 1e-13) == pytest.approx(1e-3)
-    assert fronts.at_equal_cost(ours, dataclasses.replace(peer, cost=0.5), 1e-13) == math.inf
+    assert math.isnan(fronts.at_equal_cost(ours, dataclasses.replace(peer, cost=0.5), 1e-13))
     assert fronts.dominating(ours, [peer], 1e-13) == []
     better = dataclasses.replace(peer, cost=0.5, error=1e-5)
     assert fronts.dominating(ours, [better], 1e-13) == [better]

@@ -75,11 +75,11 @@ def kind(point: Point) -> str:
 def at_equal_cost(ours: Sequence[Point], theirs: Point, least: float) -> float:
     """Our least error at no more than the cost of one of theirs, over its error.
 
-    Infinite where nothing of ours is as cheap; 0 or 1 stand where ours is rounding.
+    NaN where nothing of ours is as cheap.
     """
     errors = [max(p.error, least) for p in ours if p.cost <= SAME * theirs.cost]
     if not errors:
-        return math.inf
+        return math.nan
     return min(errors) / max(theirs.error, least)
 
 
@@ -104,12 +104,19 @@ def targets(found: Findings) -> list[Target]:
         least, limit = floor(problem), HUNDREDTH if CASES[problem].reactive else 1.0
         loops = front(p for p in every if kind(p) == "simulator")
         ratios = [(at_equal_cost(ours, q, least), q) for q in loops]
-        worst, who = max(ratios, key=lambda pair: pair[0], default=(math.nan, None))
+        compared = [pair for pair in ratios if not math.isnan(pair[0])]
+        worst, who = max(compared, key=lambda pair: pair[0], default=(math.nan, None))
         note = f"against {who.contestant} at {who.value:g}" if who else "no simulator's answer"
         if who and worst > limit and max(who.error, least) <= least / limit:
             note += f"; both near rounding ({least:g} m)"
-        aims.append(Target(f"{problem}: our error at equal CPU, over the best simulator's", worst,
-                           limit, "", note))  # fmt: skip
+        if len(compared) < len(ratios):
+            note += f"; {len(ratios) - len(compared)} of theirs are cheaper than any of ours"
+        aims.append(
+            Target(
+                f"{problem}: our error at equal CPU, over the best simulator's", worst, limit, "",
+                note,
+            )
+        )  # fmt: skip
         others = front(p for p in every if kind(p) != "ours")
         above = dominating(ours, others, least)
         note = ", ".join(f"{p.contestant} at {p.value:g}" for p in above)

@@ -43,8 +43,8 @@ class Extent:
     Attributes
     ----------
         steps, tolerances: from coarse to fine. rounds: turns at the clock; block: CPU seconds of a
-        turn. longest: CPU seconds of a run, beyond which no finer one is tried. patience: wall
-        seconds after which a run is ended. names: of scenes; all by default.
+        turn. longest: CPU seconds of a run, beyond which no finer one is tried. patience: CPU
+        seconds after which a run is ended (the first compiles). names: of scenes; all by default.
     """
 
     steps: Sequence[float] = STEPS
@@ -52,13 +52,13 @@ class Extent:
     rounds: int = 5
     block: float = 0.01
     longest: float = 0.4
-    patience: float = 60.0
+    patience: float = 120.0
     names: tuple[str, ...] = ()
 
     @classmethod
     def short(cls) -> Extent:
         """The form that tests run: two scenes, a few points."""
-        return cls((1e-2, 2e-3), (1e-4, 1e-8), 2, 0.001, 0.1, 60.0, ("coast", "near_jam"))
+        return cls((1e-2, 2e-3), (1e-4, 1e-8), 2, 0.001, 0.1, 120.0, ("coast", "near_jam"))
 
 
 @dataclass

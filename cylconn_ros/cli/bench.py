@@ -4,7 +4,10 @@
            MuJoCo's step; start-up; minimal beside SciPy and MuJoCo's RK4
   orders   orders of convergence and costs of every method on a set of scenes
   precision  error against CPU time on twelve scenes: every method, and MuJoCo, Drake, PyBullet,
-           Pinocchio, Exudyn and SciPy in several set-ups each
+           Pinocchio, Exudyn and SciPy in several set-ups each; peers come with
+           pip install '.[peers]'
+  model    cost and error of the whole model against the lean one that a scene needs, and
+           what each feature costs
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
 pip install '.[bench]'; an absent one is said to be absent. Exit code 1 where something
@@ -32,7 +35,9 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("what", choices=("kernel", "orders", "precision"), help="what to measure")
+    parser.add_argument(
+        "what", choices=("kernel", "orders", "precision", "model"), help="what to measure"
+    )
     parser.add_argument("--quick", action="store_true", help="the short form; rough numbers")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
@@ -40,27 +45,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--document", type=Path, metavar="FILE", help="put the results into this Markdown page"
     )
+    parser.add_argument(
+        "--pictures", type=Path, metavar="DIR",
+        help="draw precision.png, precision.svg and precision.html there (precision only)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--from", dest="kept", type=Path, metavar="FILE",
+        help="measure nothing: print, document and draw results that -o has kept",
+    )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="fail where a target is missed")
 
 
 def run(options: argparse.Namespace) -> int:
     """Measure, print and keep."""
-    from cylconn_ros.bench import machine
     from cylconn_ros.bench import report as reports
-    from cylconn_ros.bench.results import Gap, Report
-    from cylconn_ros.bench.settings import Settings
 
     command = f"cylconn bench {options.what}"
     _check_files(options, command)
-    settings = (Settings.short if options.quick else Settings)(_bundled)
-    report = Report(command + (" --quick" if options.quick else ""), settings.described())
-    for name, part in parts(options.what):
-        print(f"measuring: {name}", file=sys.stderr, flush=True)
-        report.findings.add(attempt(name, part, settings))
-    if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
-        reason = "the sources changed meanwhile: the numbers belong together no more"
-        report.findings.gaps.append(Gap("all", "all", "failed", reason))
-    text = reports.text(report, reports.orders if options.what == "orders" else None)
+    if options.kept is not None:
+        report = _read(options.kept, command)
+    else:
+        report = _measured(options, command)
+    bodies = _bodies()
+    text = reports.text(report, bodies.get(options.what))
     encoding = sys.stdout.encoding or "ascii"
     print(text.encode(encoding, "replace").decode(encoding))
     _keep(options, command, text, report)
@@ -69,12 +76,54 @@ def run(options: argparse.Namespace) -> int:
     return int(bool(report.failed) or (options.strict and bool(report.missed)))
 
 
+def _measured(options: argparse.Namespace, command: str) -> Report:
+    """All parts, and whether the sources stayed as they were."""
+    from cylconn_ros.bench import machine
+    from cylconn_ros.bench.results import Gap, Report
+    from cylconn_ros.bench.settings import Settings
+
+    settings = (Settings.short if options.quick else Settings)(_bundled)
+    report = Report(command + (" --quick" if options.quick else ""), settings.described())
+    for name, part in parts(options.what):
+        print(f"measuring: {name}", file=sys.stderr, flush=True)
+        report.findings.add(attempt(name, part, settings))
+    if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
+        reason = "the sources changed meanwhile: the numbers belong together no more"
+        report.findings.gaps.append(Gap("all", "all", "failed", reason))
+    return report
+
+
+def _read(file: Path, command: str) -> Report:
+    """Results kept before, of the same command."""
+    from cylconn_ros.bench import kept
+
+    try:
+        report = kept.read(file)
+    except OSError as error:
+        raise CommandError(f"{file}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise CommandError(f"{file}: {error}") from None
+    if not report.command.startswith(command):
+        raise CommandError(f"{file}: holds results of {report.command}, not of {command}")
+    return report
+
+
+def _bodies() -> dict[str, Callable[[Findings], str]]:
+    """What shows the measurements, where that is not a table a problem."""
+    from cylconn_ros.bench import model, precision_text
+    from cylconn_ros.bench import report as reports
+
+    return {"orders": reports.orders, "precision": precision_text.body, "model": model.text}
+
+
 def _check_files(options: argparse.Namespace, command: str) -> None:
     """Refuse before the work what would be refused after it."""
     from cylconn_ros.bench.document import replaced
 
     output: Path | None = options.output
     page: Path | None = options.document
+    if options.pictures is not None and options.what != "precision":
+        raise CommandError("--pictures: only precision has pictures")
     if output is not None:
         if output.suffix != ".json":
             raise CommandError(f"{output}: results end in .json")
@@ -104,8 +153,24 @@ def _keep(options: argparse.Namespace, command: str, text: str, report: Report) 
             old = page.read_text(encoding="utf-8")
             page.write_text(replaced(old, command, text), encoding="utf-8")
             print(f"written into {page}")
+        if options.pictures is not None:
+            _draw(options.pictures, report)
     except OSError as error:
         raise CommandError(f"{error.filename}: {error.strerror or error}") from None
+
+
+def _draw(folder: Path, report: Report) -> None:
+    """The picture, twice, and the interactive page."""
+    from cylconn_ros.bench import page, picture
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"precision.{end}" for end in ("png", "svg", "html")]
+    try:
+        picture.draw(report.findings, files[:2])
+    except ImportError as error:
+        raise CommandError(f"--pictures: {error}; pip install '.[demo]' brings it") from None
+    files[2].write_text(page.page(report), encoding="utf-8")
+    print("drawn: " + ", ".join(map(str, files)))
 
 
 def parts(what: str) -> Sequence[tuple[str, Part]]:
@@ -123,6 +188,10 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
         from cylconn_ros.bench import precision
 
         return (("everybody on every scene", precision.measure),)
+    if what == "model":
+        from cylconn_ros.bench import model
+
+        return (("the lean and the full model of every scene", model.measure),)
     from cylconn_ros.bench import orders
 
     return (("orders and costs of every method", orders.measure),)

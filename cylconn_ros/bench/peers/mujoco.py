@@ -144,10 +144,17 @@ def _set(peer: Peer, limit: float) -> Peer:
     return peer
 
 
+_FITTED: dict[tuple[object, ...], float] = {}
+
+
 def _calibrated(task: Task, integrator: str) -> tuple[Peer, Solve]:
     if not task.scene.friction.on:
         raise LeftOutError("nothing to calibrate: no friction")
-    fitted = fit(Task(task.name, milder(task.scene), task.duration, FITTED_AT, task.truth))
+    key = task.name, task.duration, *task.truth.values()
+    if key not in _FITTED:
+        mild = Task(task.name, milder(task.scene), task.duration, FITTED_AT, task.truth)
+        _FITTED[key] = fit(mild)
+    fitted = _FITTED[key]
     peer = _set(Peer(task, integrator, 0.0, limits=True), fitted)
     return peer, peer.run_through
 
