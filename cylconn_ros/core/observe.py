@@ -42,6 +42,9 @@ CONTRADICTION = 0.2  # share of the motion by which poses and twists may differ
 class Observed(NamedTuple):
     """The connector at a sample: bodies at their mass centres, geometry, constraint error."""
 
+    body_a: Body
+    body_b: Body
+    nodes: Nodes
     a: Motion
     b: Motion
     frame: Frame
@@ -143,7 +146,7 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
         mem[model.TARGET + 3] - m3,
     )
     _write(par, mem, out, position, angle, (m2, m3), rates, error)
-    return Observed(a, b, f, rates, position[0], angle, error, flags)
+    return Observed(body_a, body_b, nodes, a, b, f, rates, position[0], angle, error, flags)
 
 
 @inline

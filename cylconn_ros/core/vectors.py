@@ -48,7 +48,9 @@ def dot(a: Vector, b: Vector) -> float:
 @inline
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a x b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    x, y, z = a
+    u, v, w = b
+    return (y * w - z * v, z * u - x * w, x * v - y * u)
 
 
 @inline
@@ -87,6 +89,8 @@ def normalised(q: Quaternion) -> Quaternion:
 def turned(q: Quaternion, r: Vector) -> Quaternion:
     """The orientation q after a further turn by the rotation vector r (world axes)."""
     squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    if squared == 0.0:
+        return q
     if squared < 1e-8:  # sin(x/2)/x by its series; the next term is below 1e-20
         half = 0.5 - squared / 48.0 * (1.0 - squared / 80.0)
         w = 1.0 - squared / 8.0 * (1.0 - squared / 48.0)
@@ -111,27 +115,25 @@ def matrix(q: Quaternion) -> Matrix:
 @inline
 def out_of(m: Matrix, a: Vector) -> Vector:
     """M a: components in the turned frame to components in the outer one."""
-    return (
-        m[0][0] * a[0] + m[1][0] * a[1] + m[2][0] * a[2],
-        m[0][1] * a[0] + m[1][1] * a[1] + m[2][1] * a[2],
-        m[0][2] * a[0] + m[1][2] * a[1] + m[2][2] * a[2],
-    )
+    (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
+    x, y, z = a
+    return (m00 * x + m10 * y + m20 * z, m01 * x + m11 * y + m21 * z, m02 * x + m12 * y + m22 * z)
 
 
 @inline
 def into(m: Matrix, a: Vector) -> Vector:
     """m^T a: components in the outer frame to components in the turned one."""
-    return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
+    (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
+    x, y, z = a
+    return (m00 * x + m01 * y + m02 * z, m10 * x + m11 * y + m12 * z, m20 * x + m21 * y + m22 * z)
 
 
 @inline
 def times(i: Symmetric, a: Vector) -> Vector:
     """The symmetric tensor times a vector."""
-    return (
-        i[0] * a[0] + i[1] * a[1] + i[2] * a[2],
-        i[1] * a[0] + i[3] * a[1] + i[4] * a[2],
-        i[2] * a[0] + i[4] * a[1] + i[5] * a[2],
-    )
+    xx, xy, xz, yy, yz, zz = i
+    x, y, z = a
+    return (xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z)
 
 
 @inline

@@ -131,6 +131,10 @@ def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation
     push1 = actuation[0] - k1 * (u1 + 0.25 * h * v1) - 0.5 * c1 * v1
     push2 = actuation[1] - kr * (ur + 0.25 * h * w1) - 0.5 * cr * w1
     a11, a12, a22 = r.a
+    if e1 == 0.0 and er == 0.0:
+        x = r.free[0] + a11 * actuation[0] + a12 * actuation[1]
+        y = r.free[1] + a12 * actuation[0] + a22 * actuation[1]
+        return Sprung(actuation, (0.0, 0.0), (x, y), r.a)
     x = r.free[0] + a11 * push1 + a12 * push2
     y = r.free[1] + a12 * push1 + a22 * push2
     det = (1.0 + a11 * e1) * (1.0 + a22 * er) - a12 * a12 * e1 * er

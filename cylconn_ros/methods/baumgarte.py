@@ -55,7 +55,7 @@ STOPPED_AFTER = 3
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
-    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    body_a, body_b = o.body_a, o.body_b
     f = o.frame
     g = of_both(
         of_body(body_a, f.axes, o.a.orientation, f.arm_a),

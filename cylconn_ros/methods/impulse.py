@@ -127,20 +127,20 @@ class Step(NamedTuple):
 @inline
 def frozen(par: Array, sample: Array, o: Observed, h: float) -> Step:
     """q~, vf, the inertia that the wrench meets, and the constraint eliminated."""
-    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    body_a, body_b = o.body_a, o.body_b
     explicit = model.output(par).semi_implicit
     flags = o.flags
     if max(norm(o.a.spin), norm(o.b.spin)) * h > UNDERSAMPLED_ABOVE:
         flags |= out_at.UNDERSAMPLED
     free_a = _loaded(par, body_a, o.a, sample, out_at.A_LOAD, h, explicit)
     free_b = _loaded(par, body_b, o.b, sample, out_at.B_LOAD, h, explicit)
-    f = frame(model.nodes(par), free_a.middle, free_b.middle)
+    f = frame(o.nodes, free_a.middle, free_b.middle)
     g = of_both(
         of_body(body_a, f.axes, free_a.middle.orientation, f.arm_a),
         of_body(body_b, f.axes, free_b.middle.orientation, f.arm_b),
     )
     wf = relative_twist(f, free_a.end, free_b.end)
-    turning = _turning(model.nodes(par), f, o, h, explicit)
+    turning = _turning(o.nodes, f, o, h, explicit)
     target, far = _target(par, o, turning, h, explicit)
     if far:
         flags |= out_at.MISALIGNED
@@ -160,7 +160,7 @@ def answer(
     flags = s.flags | av.solved.flags
     flags |= write_wrenches(
         par, mem, out, s.acting, force, moment,
-        model.body(par, model.BODY_A), model.body(par, model.BODY_B), o.a, o.b,
+        o.body_a, o.body_b, o.a, o.b,
         s.a.orientation, s.b.orientation,
     )  # fmt: skip
     report(par, mem, out, o, s.reduced, av, force, moment, h)

@@ -107,14 +107,14 @@ def step(par: Array, mem: Array, sample: Array, _h: float, out: Array) -> int:
     rates = (mem[model.LAST_VELOCITY], mem[model.LAST_SPIN])
     a, b = _before(mem, 0), _before(mem, 1)
     o = observe(par, mem, sample, out)
-    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    body_a, body_b = o.body_a, o.body_b
     _keep(mem, 0, body_a, o.a, sample)
     _keep(mem, 1, body_b, o.b, sample)
     out[out_at.STOP_TIME] = -1.0
     if not (began and dt > 0.0):
         return o.flags
 
-    f = frame(model.nodes(par), _between(o.a, a, dt), _between(o.b, b, dt))
+    f = frame(o.nodes, _between(o.a, a, dt), _between(o.b, b, dt))
     force, moment, weight = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
     if body_b.free:
         push, turn = _given(par, mem, 1, body_b, o.b, b, f.arm_b, dt)

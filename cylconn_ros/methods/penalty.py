@@ -87,7 +87,7 @@ def answer(par: Array, mem: Array, out: Array, o: Observed, constraint: Four, h:
     flags = o.flags
     if mem[model.STUCK] >= STOPPED_AFTER:
         flags |= out_at.STOPPED
-    body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
+    body_a, body_b = o.body_a, o.body_b
     return flags | write_wrenches(
         par, mem, out, o.frame, force, moment, body_a, body_b, o.a, o.b,
         turned(o.a.orientation, scale(0.5 * h, o.a.spin)),
