@@ -1,0 +1,291 @@
+"""The hard conditions, each a series of grades from easy to hard.
+
+Grades are given (docs/stability.md); the scenes are chosen here so that one thing is hard at a time:
+a sleeve off its balance on a fixed shaft, and two free bodies turning together. How each grade has
+to end, at rest or sliding, is stated with it and tested against independent solutions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from cylconn_ros.bench.stability.channel import BAD, QUATERNIONS, Faults
+from cylconn_ros.bench.stability.judge import ANY, RESTS, SLIDES
+from cylconn_ros.bench.stability.scenes import LENGTH, SKEW, pair, sleeve
+from cylconn_ros.connector.scene import Scene
+
+Kind = Literal["physical", "channel"]
+G = 9.81
+
+
+@dataclass(frozen=True)
+class Case:
+    """One grade: a scene, what goes wrong on the way, how it has to end."""
+
+    grade: str
+    scene: Scene
+    end: str = ANY
+    faults: Faults = field(default_factory=Faults)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A row of the map.
+
+    Attributes
+    ----------
+        name: what is graded. kind: physical, or of the way between plant and connector.
+        about: scene and meaning in a few words.
+        make: its cases from easy to hard.
+        series: whether grades are steps of one scale; else each stands for itself.
+    """
+
+    name: str
+    kind: Kind
+    about: str
+    make: Callable[[], Iterable[Case]]
+    series: bool = True
+
+    def cases(self) -> list[Case]:
+        """All grades."""
+        return list(self.make())
+
+
+def conditions() -> list[Condition]:
+    """Every row, in the order of the map."""
+    return [*_inertias(), *_motions(), *_friction(), *_geometry(), *_ways(), *_events()]
+
+
+def _over(
+    grades: Iterable[float], make: Callable[[float], Scene], end: str | Callable[[float], str] = ANY
+) -> Callable[[], Iterator[Case]]:
+    """Cases of one number each."""
+
+    def cases() -> Iterator[Case]:
+        for x in grades:
+            yield Case(f"{x:g}", make(x), end(x) if callable(end) else end)
+
+    return cases
+
+
+def _inertias() -> Iterator[Condition]:
+    heavy, light = (1.0, 1e2, 1e4, 1e6), (1.0, 1e-2, 1e-4, 1e-6)
+    yield Condition(
+        "mass ratio A:B, A heavy", "physical", "two free bodies",
+        _over(heavy, lambda m: pair(mass_a=m), SLIDES),
+    )  # fmt: skip
+    yield Condition(
+        "mass ratio A:B, A light", "physical", "two free bodies",
+        _over(light, lambda m: pair(mass_a=m), lambda m: SLIDES if m > 0.1 else RESTS),
+    )  # fmt: skip
+    yield Condition(
+        "inertia ratio A:B", "physical", "two free bodies of one mass",
+        _over(heavy, lambda i: pair(mass_a=1.0, inertia_a=i), SLIDES),
+    )  # fmt: skip
+    rods = (10.0, 100.0, 1000.0)
+    yield Condition(
+        "rod-like body B", "physical", "two free bodies, B thin along the slot",
+        _over(rods, _rod, SLIDES),
+    )  # fmt: skip
+
+
+def _rod(ratio: float) -> Scene:
+    return pair(velocity=2.0, inertia_b=(0.01 / ratio, 0.0, 0.0, 0.01, 0.0, 0.01))
+
+
+def _motions() -> Iterator[Condition]:
+    spins = (0.01, 0.1, 0.5, 1.0, 2.0)
+    yield Condition(
+        "spin ω h, on a shaft", "physical", "an unbalanced rotor; 1 ms",
+        _over(spins, lambda x: sleeve(spin=1e3 * x, duration=0.5), SLIDES),
+    )  # fmt: skip
+    yield Condition(
+        "spin ω h, tumbling", "physical", "two free bodies as one, held by friction; 1 ms",
+        _over(spins, _tumbling, RESTS),
+    )  # fmt: skip
+    periods = (0.1, 1.0, 10.0, 50.0, 100.0)
+    yield Condition(
+        "period, ms, on a shaft", "physical", "sleeve hanging below a shaft that goes down 30°",
+        _over(periods, _slowly_down, SLIDES),
+    )  # fmt: skip
+    yield Condition(
+        "period, ms, two bodies", "physical", "two free bodies, 5 rad/s",
+        _over(periods, lambda h: pair(duration=2.0, period=1e-3 * h), SLIDES),
+    )  # fmt: skip
+
+
+def _slowly_down(period_ms: float) -> Scene:
+    """Nothing here is fast: what a long period costs by itself."""
+    return sleeve(
+        spin=1.0,
+        com=(0.03, 0.0, -0.01),
+        slope=math.radians(30.0),
+        duration=2.0,
+        period=1e-3 * period_ms,
+    )
+
+
+def _tumbling(wh: float) -> Scene:
+    """Turning as one about an axis that is nobody's principal one."""
+    direction = np.array([1.0, 2.0, 0.5])
+    turning = direction / np.linalg.norm(direction) * wh / 1e-3
+    friction = {"coefficient": 10.0, "preload": 1e6}
+    return pair(
+        velocity=0.0, spin=0.0, turning=tuple(turning), duration=0.5, friction=friction
+    )  # fmt: skip
+
+
+def _friction() -> Iterator[Condition]:
+    coefficients = (0.1, 0.5, 1.0, 3.0, 10.0)
+    slope = math.radians(15.0)
+
+    def on_slope(mu: float) -> Scene:
+        friction = {"coefficient": mu}
+        return sleeve(slope=slope, velocity=0.5, com=(0.0, 0.0, -0.01), friction=friction)
+
+    yield Condition(
+        "friction μ, on a slope", "physical", "15° down; from μ = 0.5 on it holds",
+        _over(coefficients, on_slope, lambda mu: SLIDES if mu < 0.2 else RESTS),
+    )  # fmt: skip
+    yield Condition(
+        "friction μ, two bodies", "physical", "two free bodies",
+        _over(coefficients, _rubbing, lambda mu: SLIDES if mu < 0.7 else RESTS),
+    )  # fmt: skip
+    couplings = (0.5, 0.9, 0.99, 1.01, 2.0, 10.0)
+    yield Condition(
+        "coupling c (jam)", "physical", "pushed hard; from c = 1 on it jams and holds",
+        _over(couplings, _jam, lambda c: SLIDES if c < 1.0 else RESTS),
+    )  # fmt: skip
+
+
+def _rubbing(mu: float) -> Scene:
+    return pair(duration=2.0, friction={"coefficient": mu})
+
+
+def _jam(c: float) -> Scene:
+    """Mass centre d below node b, c = 2 μ d/L; pushed with twice what friction can be below c = 1.
+
+    |f1| = μ m g/(1 - c) there; beyond, a push of 20 m/s² is held like any other.
+    """
+    mu, overlap = 0.2, 0.1
+    push = 2.0 * mu * G / (1.0 - c) if c < 1.0 else 20.0
+    return sleeve(
+        com=(0.0, 0.0, -0.5 * c * overlap / mu),
+        velocity=1.0,
+        spin=0.0,
+        duration=0.4,
+        gravity=[push, 0.0, -G],
+        friction={"coefficient": mu, "overlap": overlap, "preload": 0.0},
+    )
+
+
+def _geometry() -> Iterator[Condition]:
+    sizes = (1e-1, 1e-3, 1e-6)
+    for name, make, least in (("on a shaft", sleeve, 0.01), ("two bodies", pair, 1.0)):
+        yield Condition(
+            f"overlap L, m, {name}", "physical", "a short bearing jams",
+            _over(sizes, _of(make, "overlap"), lambda x: SLIDES if x > 0.01 else RESTS),
+        )  # fmt: skip
+        yield Condition(
+            f"radius R, m, {name}", "physical", "spin frees the slide less and less",
+            _over(sizes, _of(make, "radius"), lambda x, b=least: RESTS if x > b else SLIDES),
+        )  # fmt: skip
+    angles = (1.0, 30.0, 90.0, 179.9)
+    yield Condition(
+        "misalignment held, °", "physical", "sleeve tilted on its shaft",
+        _over(angles, lambda x: sleeve(tilt=math.radians(x))),
+    )  # fmt: skip
+    yield Condition(
+        "misalignment pulled in, °", "physical", "sleeve tilted on its shaft, 1 rad/s",
+        _over(angles, lambda x: _pulled_in(math.radians(x))),
+    )  # fmt: skip
+    speeds = (0.1, 1.0, 10.0, 100.0)
+    for restitution in (0.0, 0.5):
+        yield Condition(
+            f"impact, m/s, ε = {restitution:g}", "physical",
+            "two stops 2 mm apart and friction, all in one step at high speed",
+            _over(speeds, lambda v, e=restitution: _between_stops(v, e), RESTS),
+        )  # fmt: skip
+
+
+def _of(make: Callable[..., Scene], name: str) -> Callable[[float], Scene]:
+    return lambda x: make(friction={name: x})
+
+
+def _pulled_in(tilt: float) -> Scene:
+    return sleeve(
+        tilt=tilt, duration=max(1.0, 0.7 + 2.0 * tilt), reference={"misalignment": "zero"}
+    )
+
+
+def _between_stops(speed: float, restitution: float) -> Scene:
+    stops = {"l_min": LENGTH - 1e-3, "l_max": LENGTH + 1e-3, "restitution": restitution}
+    return sleeve(
+        velocity=speed, spin=0.0, com=(0.0, 0.0, 0.0), stops=stops, friction={"coefficient": 0.5}
+    )
+
+
+def _ways() -> Iterator[Condition]:
+    def over(name: str, shares: Iterable[float]) -> Callable[[], Iterator[Case]]:
+        def cases() -> Iterator[Case]:
+            for x in shares:
+                value: Any = 0.01 * x
+                yield Case(f"{abs(x):g}", sleeve(), SLIDES, Faults(**{name: value}))
+
+        return cases
+
+    def late(latency: Callable[[int], int]) -> Callable[[], Iterator[Case]]:
+        def cases() -> Iterator[Case]:
+            for d in (1, 2, 3, 5):
+                yield Case(f"{d}", sleeve(latency=latency(d)), SLIDES, Faults(late=d))
+
+        return cases
+
+    few, share = (1, 10, 30), "sleeve on a shaft; share of samples"
+    rows: tuple[tuple[str, str, str, tuple[int, ...]], ...] = (
+        ("twist too large, %", "twist", "sleeve on a shaft; contradicts the poses", (1, 10, 100)),
+        ("twist too small, %", "twist", "the same, the other way", (-1, -10, -100)),
+        ("jitter, %", "jitter", "sleeve on a shaft; periods not as stated", few),
+        ("drops, %", "drop", share, few),
+        ("duplicates, %", "duplicate", share, (10,)),
+        ("reordering, %", "reorder", share, (10,)),
+    )
+    for said, latency in (
+        ("not told", lambda d: 0),
+        ("told", lambda d: d),
+        ("measured", _measured),
+    ):
+        yield Condition(
+            f"wrench late, samples, {said}", "channel", "sleeve on a shaft", late(latency)
+        )
+    for title, name, about, grades in rows:
+        yield Condition(title, "channel", about, over(name, grades))
+
+
+def _measured(_late: int) -> int:
+    return -1
+
+
+def _events() -> Iterator[Condition]:
+    def events() -> Iterator[Case]:
+        for name in ("pause", "jump", "restart", "teleport"):
+            faults: Any = {name: True}
+            scene = sleeve(duration=2.0)
+            yield Case(name, scene, SLIDES, Faults(**faults))
+
+    def corrupted() -> Iterator[Case]:
+        for kind in (*BAD, *QUATERNIONS):
+            yield Case(kind, pair(), SLIDES, Faults(corrupt=kind))
+
+    yield Condition(
+        "clock and plant", "channel", "each once at half time: pause, jump back, restart, teleport",
+        events, series=False,
+    )  # fmt: skip
+    yield Condition(
+        "unusable numbers", "channel", "two free bodies; every field once", corrupted, series=False
+    )
