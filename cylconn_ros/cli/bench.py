@@ -8,6 +8,8 @@
            pip install '.[peers]'
   model    cost and error of the whole model against the lean one that a scene needs, and
            what each feature costs
+  stability  the map of hard conditions: who survives how much of each, of our methods, of
+           MuJoCo and of what people write by hand
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
 pip install '.[bench]'; an absent one is said to be absent. Exit code 1 where something
@@ -24,6 +26,7 @@ from typing import TYPE_CHECKING
 
 from cylconn_ros.cli import scenes
 from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.cli.progress import Progress
 from cylconn_ros.connector.scene import Scene, load
 
 if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
@@ -33,11 +36,12 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
     Part = Callable[[Settings], Findings]
 
 
+WHAT = ("kernel", "orders", "precision", "model", "stability")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument(
-        "what", choices=("kernel", "orders", "precision", "model"), help="what to measure"
-    )
+    parser.add_argument("what", choices=WHAT, help="what to measure")
     parser.add_argument("--quick", action="store_true", help="the short form; rough numbers")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
@@ -47,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR",
-        help="draw precision.png, precision.svg and precision.html there (precision only)",
+        help="draw the results there: precision.png, .svg and .html, or stability.png and .svg",
     )  # fmt: skip
     parser.add_argument(
         "--from", dest="kept", type=Path, metavar="FILE",
@@ -113,7 +117,18 @@ def _bodies() -> dict[str, Callable[[Findings], str]]:
     from cylconn_ros.bench import model, precision_text
     from cylconn_ros.bench import report as reports
 
-    return {"orders": reports.orders, "precision": precision_text.body, "model": model.text}
+    return {
+        "orders": reports.orders,
+        "precision": precision_text.body,
+        "model": model.text,
+        "stability": _map,
+    }
+
+
+def _map(found: Findings) -> str:
+    from cylconn_ros.bench.stability import show  # not before it is asked for: SciPy
+
+    return show.body(found)
 
 
 def _check_files(options: argparse.Namespace, command: str) -> None:
@@ -122,8 +137,8 @@ def _check_files(options: argparse.Namespace, command: str) -> None:
 
     output: Path | None = options.output
     page: Path | None = options.document
-    if options.pictures is not None and options.what != "precision":
-        raise CommandError("--pictures: only precision has pictures")
+    if options.pictures is not None and options.what not in ("precision", "stability"):
+        raise CommandError("--pictures: only precision and stability have pictures")
     if output is not None:
         if output.suffix != ".json":
             raise CommandError(f"{output}: results end in .json")
@@ -154,7 +169,7 @@ def _keep(options: argparse.Namespace, command: str, text: str, report: Report) 
             page.write_text(replaced(old, command, text), encoding="utf-8")
             print(f"written into {page}")
         if options.pictures is not None:
-            _draw(options.pictures, report)
+            (_draw_map if options.what == "stability" else _draw)(options.pictures, report)
     except OSError as error:
         raise CommandError(f"{error.filename}: {error.strerror or error}") from None
 
@@ -170,6 +185,19 @@ def _draw(folder: Path, report: Report) -> None:
     except ImportError as error:
         raise CommandError(f"--pictures: {error}; pip install '.[demo]' brings it") from None
     files[2].write_text(page.page(report), encoding="utf-8")
+    print("drawn: " + ", ".join(map(str, files)))
+
+
+def _draw_map(folder: Path, report: Report) -> None:
+    """The heat map, twice."""
+    from cylconn_ros.bench.stability import show
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"stability.{end}" for end in ("png", "svg")]
+    try:
+        show.save(report.findings, files)
+    except ImportError as error:
+        raise CommandError(f"--pictures: {error}; pip install '.[demo]' brings it") from None
     print("drawn: " + ", ".join(map(str, files)))
 
 
@@ -192,9 +220,20 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
         from cylconn_ros.bench import model
 
         return (("the lean and the full model of every scene", model.measure),)
+    if what == "stability":
+        return (("everybody under every condition", _stability),)
     from cylconn_ros.bench import orders
 
     return (("orders and costs of every method", orders.measure),)
+
+
+def _stability(settings: Settings) -> Findings:
+    """The map; the laws of every answer take most of the time and are left to the full form."""
+    from cylconn_ros.bench.stability import measure
+    from cylconn_ros.cli.lawful import broken
+
+    with Progress("stability") as bar:
+        return measure.measure(settings, bar, None if settings.quick else broken)
 
 
 def attempt(name: str, part: Part, settings: Settings) -> Findings:

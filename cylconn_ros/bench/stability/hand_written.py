@@ -23,7 +23,7 @@ SMOOTH = 1e-3  # vr, m/s
 class PenaltyNode:
     """Answers samples; ``scene`` is one that is served by ``penalty``, which has the gains."""
 
-    out = None
+    out: Array | None = None
 
     def __init__(self, scene: Scene) -> None:
         a, b, p = scene.body_a, scene.body_b, scene.penalty

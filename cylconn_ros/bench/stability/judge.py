@@ -4,14 +4,16 @@ Nobody's own opinion of its constraint or energy enters. Rotations are SciPy's; 
 the energy are written here.
 
 Survived: everything finite; constraint (and stops) kept to 1 mm and 10 mrad after the first 0.2 s,
-and after the time in which what was off at the beginning may be pulled in; kinetic energy never more
-than its start and the work of gravity, plus 1 % of the most that they have been; at the end at rest
-on each other, or not, as the scene demands.
+and after the time in which what was off at the beginning may be pulled in; kinetic energy never
+more than its start and the work of gravity, plus 1 % of the most that they have been; at the end at
+rest on each other, or not, as the scene demands; and no law of the method broken, where there is
+somebody to ask (``laws``).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +34,9 @@ AT_REST = 1e-4  # m/s
 LEAST_RADIUS = 0.01  # m
 AS_NOTHING = 1e-3  # m/s: energy is never measured by less than this speed's
 END = 0.2  # s, and at least twenty samples
+
+Laws = Callable[[Scene, Array, Array], str]
+"""The law that answers (N, NOUT) of the scene's method to states (N, 26) break; empty: none."""
 
 RESTS, SLIDES, ANY = "rests", "slides", ""
 
@@ -66,7 +71,7 @@ class Seen:
 
     Attributes
     ----------
-        length: m. offset: (N, 2) m. direction: (N, 3) of e1b. spin: angle of B on A, rad, unwrapped.
+        length: m. offset: (N, 2) m. direction: (N, 3) of e1b. spin: of B on A, rad, unwrapped.
     """
 
     length: Array
@@ -75,8 +80,8 @@ class Seen:
     spin: Array
 
 
-def judge(scene: Scene, trace: Trace, end: str = ANY) -> Verdict:
-    """Judge a run; ``end``: RESTS, SLIDES, or ANY."""
+def judge(scene: Scene, trace: Trace, end: str = ANY, laws: Laws | None = None) -> Verdict:
+    """Judge a run; ``end``: RESTS, SLIDES, or ANY; ``laws``: what judges answers of ours."""
     if trace.lost or len(trace.time) < 20:
         return Verdict(f"not finite after {trace.time[-1]:.3g} s")
     if not np.isfinite(trace.states).all():
@@ -89,7 +94,10 @@ def judge(scene: Scene, trace: Trace, end: str = ANY) -> Verdict:
     worst = float(offset[counts].max(initial=0.0)), float(angle[counts].max(initial=0.0))
     gained = gain(scene, trace, ready)
     slip = end_slip(scene, trace.time, seen)
-    return Verdict(_reason(*worst, gained, slip, end), *worst, gained, slip)
+    reason = _reason(*worst, gained, slip, end)
+    if laws is not None and not reason and trace.outs is not None and trace.served is not None:
+        reason = laws(trace.served, trace.states, trace.outs)
+    return Verdict(reason, *worst, gained, slip)
 
 
 def _reason(offset: float, angle: float, gained: float, slip: float, end: str) -> str:

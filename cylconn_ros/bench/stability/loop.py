@@ -18,8 +18,9 @@ from cylconn_ros.core import layout, plant
 class Servant(Protocol):
     """Whoever turns samples into wrenches."""
 
-    out: Array | None
-    """(NOUT,) the whole of the last answer, of a connector of ours."""
+    @property
+    def out(self) -> Array | None:
+        """(NOUT,) the whole of the last answer, of a connector of ours."""
 
     def answer(self, sample: Array) -> Array:
         """(12,) force and torque on A and B, world axes, about the mass centres."""
@@ -38,6 +39,7 @@ class Trace:
         begins: samples at which the motion was set by somebody else: the start, a teleport.
         lost: whether it ended early, because a state was not finite.
         outs: (N, NOUT) answers of a connector of ours to these states; None with a channel.
+        served: the scene as that connector was given it.
     """
 
     time: Array
@@ -46,6 +48,7 @@ class Trace:
     begins: tuple[int, ...] = (0,)
     lost: bool = False
     outs: Array | None = None
+    served: Scene | None = None
 
 
 def closed(scene: Scene, servant: Servant, faults: Faults | None = None) -> Trace:
@@ -93,11 +96,12 @@ def _direct(scene: Scene, servant: Servant) -> Trace:
             done = k + 1
             break
     return Trace(
-        h * np.arange(done),
+        h * np.arange(done, dtype=np.float64),
         states[:done, layout.MOTION],
         wrenches[:done],
         lost=not np.isfinite(bodies.state).all(),
         outs=None if servant.out is None else outs[:done],
+        served=scene,
     )
 
 

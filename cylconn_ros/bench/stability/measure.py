@@ -13,21 +13,23 @@ from cylconn_ros.bench.results import Findings, Gap, Measurement
 from cylconn_ros.bench.settings import Settings
 from cylconn_ros.bench.stability.conditions import Case, conditions
 from cylconn_ros.bench.stability.contestants import Contestant, contestants
-from cylconn_ros.bench.stability.judge import Verdict, judge
+from cylconn_ros.bench.stability.judge import Laws, Verdict, judge
 
 SURVIVED = "survived"
-QUICK = ("impulse", "baumgarte", "penalty", "penalty by hand")
+QUICK = ("impulse", "baumgarte", "penalty")
 PROCESSES = 2
 
 Progress = Callable[[int, int], None]
+Task = tuple[str, str]
+"""Names of a condition and a contestant."""
 
 
 @dataclass(frozen=True)
 class Cell:
     """What became of one contestant under one condition.
 
-    ``verdicts`` by grade, in order; empty where there is nothing to judge, with ``status`` "absent" or
-    "left out" and ``reason``.
+    ``verdicts`` by grade, in order; empty where there is nothing to judge, with ``status`` "absent"
+    or "left out" and ``reason``.
     """
 
     condition: str
@@ -37,10 +39,15 @@ class Cell:
     reason: str = ""
 
 
-def measure(settings: Settings, progress: Progress | None = None) -> Findings:
-    """The whole map; the quick form: the easiest and the hardest grade, few contestants."""
+def measure(
+    settings: Settings, progress: Progress | None = None, laws: Laws | None = None
+) -> Findings:
+    """The whole map; the quick form: the easiest and the hardest grade, few contestants.
+
+    ``laws``: what else is asked of our methods' answers; a function of a module, for it travels.
+    """
     found = Findings()
-    for cell in run(settings.quick, progress):
+    for cell in run(settings.quick, progress, laws):
         found.measurements += _measurements(cell)
         if cell.status == "absent":
             found.gaps.append(Gap(cell.condition, cell.contestant, "absent", cell.reason))
@@ -50,31 +57,33 @@ def measure(settings: Settings, progress: Progress | None = None) -> Findings:
     return found
 
 
-def run(quick: bool, progress: Progress | None = None) -> list[Cell]:
+def run(quick: bool, progress: Progress | None = None, laws: Laws | None = None) -> list[Cell]:
     """Every cell, in the order of rows and columns."""
     names = [c.name for c in contestants() if not quick or c.name in QUICK]
     tasks = [(row.name, name) for row in conditions() for name in names]
     done: dict[tuple[str, str], Cell] = {}
-    for cell in _here(tasks, quick) if quick else _spread(tasks):
+    for cell in _here(tasks, laws) if quick else _spread(tasks, laws):
         done[cell.condition, cell.contestant] = cell
         if progress is not None:
             progress(len(done), len(tasks))
     return [done[task] for task in tasks]
 
 
-def _here(tasks: Sequence[tuple[str, str]], quick: bool) -> Iterator[Cell]:
+def _here(tasks: Sequence[Task], laws: Laws | None) -> Iterator[Cell]:
     for condition, contestant in tasks:
-        yield tried(condition, contestant, quick)
+        yield tried(condition, contestant, laws, ends_only=True)
 
 
-def _spread(tasks: Sequence[tuple[str, str]]) -> Iterator[Cell]:
+def _spread(tasks: Sequence[Task], laws: Laws | None) -> Iterator[Cell]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES, context) as pool:
-        for future in as_completed([pool.submit(tried, *task) for task in tasks]):
+        for future in as_completed([pool.submit(tried, *task, laws) for task in tasks]):
             yield future.result()
 
 
-def tried(condition: str, contestant: str, ends_only: bool = False) -> Cell:
+def tried(
+    condition: str, contestant: str, laws: Laws | None = None, ends_only: bool = False
+) -> Cell:
     """One cell; ``ends_only``: the easiest and the hardest grade."""
     row = next(c for c in conditions() if c.name == condition)
     who = next(c for c in contestants() if c.name == contestant)
@@ -84,7 +93,7 @@ def tried(condition: str, contestant: str, ends_only: bool = False) -> Cell:
     verdicts = {}
     try:
         for case in cases:
-            verdicts[case.grade] = outcome(who, case)
+            verdicts[case.grade] = outcome(who, case, laws)
     except AbsentError as reason:
         return Cell(condition, contestant, {}, "absent", str(reason))
     except LeftOutError as reason:
@@ -92,14 +101,15 @@ def tried(condition: str, contestant: str, ends_only: bool = False) -> Cell:
     return Cell(condition, contestant, verdicts)
 
 
-def outcome(who: Contestant, case: Case) -> Verdict:
+def outcome(who: Contestant, case: Case, laws: Laws | None = None) -> Verdict:
     """The verdict on one run, or on the best of several set-ups."""
     found: list[Verdict] = []
     for move in who.moves:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # states of 1e200 are judged as such
             try:
-                found.append(judge(case.scene, move(case.scene, case.faults), case.end))
+                trace = move(case.scene, case.faults)
+                found.append(judge(case.scene, trace, case.end, laws))
             except RuntimeError as error:
                 found.append(Verdict(str(error)))
         if found[-1].survived:

@@ -71,7 +71,7 @@ class _Guest(MujocoScene):
             if self.lost():
                 done = k + 1
                 break
-        return Trace(h * np.arange(done), states[:done], lost=done < n)
+        return Trace(h * np.arange(done, dtype=np.float64), states[:done], lost=done < n)
 
     def lost(self) -> bool:
         """Whether it has found its state to be bad, and begun anew."""

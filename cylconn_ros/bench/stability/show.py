@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.bench.report import table
 from cylconn_ros.bench.results import Findings
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+TITLE = "The hardest grade survived: of every one (blue) to none (red)"
 NOTHING = "–"
 HEADINGS = {"physical": "In process: only wrenches go out", "channel": "On the way"}
 
@@ -37,7 +38,7 @@ class Mark:
 
 
 class Map:
-    """All marks, by row and column."""
+    """All marks, by row and column; the grades that were tried, by row."""
 
     def __init__(self, found: Findings) -> None:
         results: dict[tuple[str, str], dict[str, str]] = {}
@@ -48,6 +49,7 @@ class Map:
         gaps = [(name, g.contestant) for g in found.gaps for name in g.problem.split("; ")]
         seen = dict.fromkeys([*(c for _, c in results), *(c for _, c in gaps)])
         self.columns = list(seen)
+        self.grades = {name: grades for (name, _), grades in results.items()}
         self.rows = [c for c in conditions() if any((c.name, who) in results for who in seen)]
         self.marks = {
             (row.name, who): _mark(row, results.get((row.name, who), {}))
@@ -86,7 +88,7 @@ def body(found: Findings) -> str:
     survived, failed = [], []
     for row in shown.rows:
         line = shown.line(row)
-        grades = ", ".join(case.grade for case in row.cases())
+        grades = ", ".join(shown.grades[row.name])
         survived.append((row.name, grades, *(mark.text for mark in line)))
         failed.append((row.name, *(mark.failure for mark in line)))
     return "\n\n".join(
@@ -99,7 +101,7 @@ def body(found: Findings) -> str:
     )
 
 
-def draw(found: Findings, title: str) -> Figure:
+def draw(found: Findings, title: str = TITLE) -> Figure:
     """The heat map. Raises ImportError without matplotlib."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -107,7 +109,7 @@ def draw(found: Findings, title: str) -> Figure:
 
     shown = Map(found)
     lines = list(_lines(shown.rows))
-    style = {"svg.fonttype": "none", "svg.hashsalt": "cylconn_ros", "font.size": 9.0}
+    style: Any = {"svg.fonttype": "none", "svg.hashsalt": "cylconn_ros", "font.size": 9.0}
     with mpl.rc_context(style):
         width, height = 3.2 + 1.08 * len(shown.columns), 1.5 + 0.30 * len(lines)
         figure = Figure(figsize=(width, height), layout="constrained")
@@ -115,7 +117,7 @@ def draw(found: Findings, title: str) -> Figure:
         axes = figure.add_subplot()
         _cells(axes, shown, lines)
         _labels(axes, shown, lines)
-        axes.set_title(title, loc="left", fontsize=11, pad=34)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12)
     return figure
 
 
@@ -167,9 +169,9 @@ def _labels(axes: Axes, shown: Map, lines: Sequence[Condition | str]) -> None:
         spine.set_visible(False)
 
 
-def save(found: Findings, title: str, paths: Sequence[Path]) -> None:
+def save(found: Findings, paths: Sequence[Path]) -> None:
     """Write the picture; the ending says the format, .png or .svg."""
-    figure = draw(found, title)
+    figure = draw(found)
     for path in paths:
         metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
         figure.savefig(path, dpi=130, metadata=metadata)
