@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.matching import SampleMatcher
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws.bounds import after, bounds
@@ -22,6 +20,7 @@ from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, wi
 from cylconn_ros.laws.residual import Block
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.reader import Run, Table
+from cylconn_ros.recording.samples import matched, vectors
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -128,7 +127,7 @@ def samples_of(run: Run) -> Recorded:
     known, left_out = False, 0
     why = "the recording begins after the reference configuration, which the laws need"
     exchanged = 0.0
-    for stamp, h, restarted, sample in _matched(run, scene):
+    for stamp, h, restarted, sample in matched(run, scene):
         out = answers.pop(stamp, None)
         if out is None or out[layout.STATUS] != layout.OK:
             continue
@@ -170,79 +169,9 @@ def _answers(run: Run, state: Table) -> dict[int, Array]:
     rows = {int(stamp): row for row, stamp in enumerate(state.stamp)}
     for body, at in zip(_BODIES, (layout.FORCE_A, layout.FORCE_B), strict=True):
         table = run.table(run.topic(f"{body}/wrench"))
-        values = _vectors(table, ("wrench.force", "wrench.torque"))
+        values = vectors(table, ("wrench.force", "wrench.torque"))
         for stamp, wrench in zip(table.stamp, values, strict=True):
             row = rows.get(int(stamp))
             if row is not None:
                 out[row, at : at + 6] = wrench
     return {stamp: out[row] for stamp, row in rows.items()}
-
-
-def _vectors(table: Table, names: tuple[str, ...], axes: str = "xyz") -> Array:
-    return np.column_stack([table[f"{name}.{axis}"] for name in names for axis in axes])
-
-
-def _pose(table: Table, prefix: str) -> Array:
-    position = _vectors(table, (f"{prefix}position",))
-    return np.hstack([position, _vectors(table, (f"{prefix}orientation",), "xyzw")])
-
-
-def _matched(run: Run, scene: Scene) -> Iterator[tuple[int, float, bool, Array]]:
-    """Stamp, time since the last sample, restart and sample, in the order of the recording."""
-    matcher = SampleMatcher(scene)
-    messages: list[tuple[int, int, int, Any]] = []  # log time, rank, number, call
-    loads = 0
-    for body, name in enumerate(_BODIES):
-        for rank, kind in enumerate(("load", "pose", "twist", "odom")):
-            topic = next((t for t in run.types if t.endswith(f"{name}/{kind}")), None)
-            if topic is None:
-                continue
-            loads += kind == "load"
-            table = run.table(topic)
-            messages += _calls(matcher, body, kind, rank, table)
-    if not loads:  # simulate knows its loads from the scene
-        matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    messages.sort(key=lambda message: message[:3])
-    for *_, call in messages:
-        found = call()
-        if found is not None and not found.repeated:
-            yield found.stamp, found.h, found.restarted, matcher.sample.copy()
-
-
-def _calls(
-    matcher: SampleMatcher, body: int, kind: str, rank: int, table: Table
-) -> list[tuple[int, int, int, Any]]:
-    """The messages of one topic as calls of the matcher."""
-    frames, stamps = table["header.frame_id"], table.stamp
-    calls: list[Any] = []
-    if kind == "odom":
-        poses = _pose(table, "pose.pose.")
-        twists = _vectors(table, ("twist.twist.linear", "twist.twist.angular"))
-        children = table["child_frame_id"]
-        calls = [
-            lambda k=k: matcher.odometry(
-                body,
-                int(stamps[k]),
-                (str(frames[k]), str(children[k])),
-                poses[k].tolist(),
-                twists[k].tolist(),
-            )
-            for k in range(len(table))
-        ]
-    elif kind == "load":
-        wrenches = _vectors(table, ("wrench.force", "wrench.torque"))
-        calls = [
-            lambda k=k: matcher.load(body, str(frames[k]), wrenches[k].tolist())
-            for k in range(len(table))
-        ]
-    else:
-        if kind == "pose":
-            rows = _pose(table, "pose.")
-        else:
-            rows = _vectors(table, ("twist.linear", "twist.angular"))
-        take = matcher.pose if kind == "pose" else matcher.twist
-        calls = [
-            lambda k=k: take(body, int(stamps[k]), str(frames[k]), rows[k].tolist())
-            for k in range(len(table))
-        ]
-    return [(int(table.log_time[k]), rank, k, call) for k, call in enumerate(calls)]
