@@ -16,6 +16,7 @@ from cylconn_ros.recording.errors import RecordingError
 COMMANDS = {
     "demo": "run plant and connector as two processes and judge the recorded run",
     "simulate": "run a scene in this process, without ROS",
+    "replay": "run a recording through the connector again, or with other parameters",
     "info": "show what is in a recorded run",
     "salvage": "give back what is left of a run that was never closed",
     "laws": "check the laws of the step from outside, on random states or a recorded run",

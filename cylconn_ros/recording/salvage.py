@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import yaml
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
-from zstandard import ZstdError
+from mcap.records import Channel
 
 from .errors import RecordingError
 from .interfaces import Interface
 from .metadata import TopicInfo
 from .reader import read_run
-from .writer import METADATA_RECORD, RunWriter
+from .source import Source
+from .writer import RunWriter
 
-_BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError)
 _READ_AHEAD = 1 << 20
 
 
@@ -32,57 +27,6 @@ class Salvaged:
     messages: int
     seconds: float  # from the first to the last, by log times
     damage: str  # what was wrong with the source, in words
-
-
-class _Source:
-    """What can be read of an MCAP file from its beginning, whatever its end is like.
-
-    Attributes
-    ----------
-        schemas, channels: by number, as far as read.
-        texts: of the run's own metadata record.
-        damage: what could not be read, in words; empty for a file that is whole.
-    """
-
-    def __init__(self, stream: IO[bytes], size: int) -> None:
-        self._stream, self._size = stream, size
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
-        self.texts: dict[str, str] = {}
-        self.damage = ""
-        self._broken_chunks = 0
-
-    def messages(self) -> Iterator[Message]:
-        """Every message in the order they stand in the file."""
-        records = StreamReader(self._stream, emit_chunks=True, record_size_limit=self._size).records
-        ended = False
-        while not ended:
-            at = self._stream.tell()
-            try:
-                record = next(records, None)
-            except _BROKEN as error:
-                self.damage = f"it breaks off at byte {at} of {self._size} ({_words(error)})"
-                break
-            ended = record is None or isinstance(record, DataEnd)
-            inside: list[McapRecord] = [] if record is None else [record]
-            if isinstance(record, Chunk):
-                try:
-                    inside = list(breakup_chunk(record, validate_crc=True))
-                except _BROKEN:
-                    self._broken_chunks += 1
-                    continue
-            for item in inside:
-                if isinstance(item, Schema):
-                    self.schemas[item.id] = item
-                elif isinstance(item, Channel):
-                    self.channels[item.id] = item
-                elif isinstance(item, Metadata) and item.name == METADATA_RECORD:
-                    self.texts.update(item.metadata)
-                elif isinstance(item, Message):
-                    yield item
-        if self._broken_chunks:
-            broken = f"{self._broken_chunks} of its chunks cannot be read"
-            self.damage = "; ".join(filter(None, (self.damage, broken)))
 
 
 def salvage(source: Path, target: Path | None = None) -> Salvaged:
@@ -105,32 +49,32 @@ def salvage(source: Path, target: Path | None = None) -> Salvaged:
     try:
         size = file.stat().st_size
         with file.open("rb", buffering=_READ_AHEAD) as stream:
-            found = _Source(stream, size)
+            found = Source(stream, size)
             count = sum(1 for _ in found.messages())  # first to know all topics
             if not count:
                 raise RecordingError(
                     f"{file}: holds no message that can be read: {found.damage or 'it is empty'}"
                 )
         with file.open("rb", buffering=_READ_AHEAD) as stream:
-            return _write(_Source(stream, size), found, target, file)
+            return _write(Source(stream, size), found, target, file)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
 
 
-def _write(source: _Source, known: _Source, target: Path, file: Path) -> Salvaged:
+def _write(source: Source, known: Source, target: Path, file: Path) -> Salvaged:
     topics, interfaces = _topics(known)
     start, end, count = 1 << 64, 0, 0
     texts = {**known.texts, "salvaged": f"from {file.name}: {known.damage or 'never closed'}"}
     with RunWriter(target, list(topics.values()), texts, interfaces=interfaces) as writer:
         for message in source.messages():
-            topic = topics[message.channel_id].name
+            topic = topics[message.channel].name
             writer.write(topic, message.data, message.log_time, message.publish_time)
             start, end = min(start, message.log_time), max(end, message.log_time)
             count += 1
     return Salvaged(target, count, (end - start) * 1e-9, known.damage or "it was never closed")
 
 
-def _topics(known: _Source) -> tuple[dict[int, TopicInfo], dict[str, Interface]]:
+def _topics(known: Source) -> tuple[dict[int, TopicInfo], dict[str, Interface]]:
     topics, interfaces = {}, {}
     for channel in known.channels.values():
         schema = known.schemas.get(channel.schema_id)
@@ -166,7 +110,3 @@ def _file(source: Path) -> Path:
             raise RecordingError(f"{source}: expected one .mcap file, found {len(files)}")
         return files[0]
     return source
-
-
-def _words(error: Exception) -> str:
-    return str(error) or type(error).__name__

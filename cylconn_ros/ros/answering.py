@@ -34,6 +34,14 @@ BODIES = ("body_a", "body_b")
 COMMAND = "~/command"
 STATE_TOPIC, JOINTS_TOPIC = "~/state", "~/joint_state"
 
+# Name, type, in the order of Answer's fields after the stamp.
+OUTPUTS = (
+    ("body_a/wrench", WRENCH),
+    ("body_b/wrench", WRENCH),
+    (STATE_TOPIC, STATE),
+    (JOINTS_TOPIC, JOINT_STATE),
+)
+
 _WRENCHES = [slice(at, at + 6) for at in (layout.FORCE_A, layout.FORCE_B)]
 _JOINTS = (
     layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
@@ -209,6 +217,11 @@ class Answering:
     def scene_in_force(self) -> Scene:
         """The scene with what commands impose in the place of its own ``command``."""
         return dataclasses.replace(self.scene, command=commands.as_parameters(self.imposed))
+
+    @property
+    def timing(self) -> slice:
+        """The bytes of a state that tell how long the answer took."""
+        return self._state.timing
 
     @property
     def out(self) -> np.ndarray:

@@ -126,6 +126,12 @@ class StateWriter:
         message.string(method)
         self._data = message.data
 
+    @property
+    def timing(self) -> slice:
+        """The bytes of ``computing_time``, which no other machine, nor run, will repeat."""
+        at = self._block + 8 * (layout.COMPUTING_TIME - layout.STATE0)
+        return slice(at, at + 8)
+
     def write(self, stamp: int, out: np.ndarray) -> bytes:
         """Write ``out`` ((NOUT,) float64, core/layout.py) with a stamp in ns."""
         _stamp(self._data, stamp)

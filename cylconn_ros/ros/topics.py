@@ -16,19 +16,12 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import qos
-from cylconn_ros.ros.answering import Answer, Answering
+from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
 from cylconn_ros.ros.loop import Entry, Loop
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
 
-# Name, type, in the order of Answer's fields after the stamp.
-OUTPUTS = (
-    ("body_a/wrench", messages.WRENCH),
-    ("body_b/wrench", messages.WRENCH),
-    ("~/state", messages.STATE),
-    ("~/joint_state", messages.JOINT_STATE),
-)
 Receive = Callable[[str, str, bytes], bool]
 _FIRST = ("load", "command")  # act on the sample that waits with them
 
