@@ -20,6 +20,7 @@ FLOORS = {
     "reference": 3,
     "bench": 4,
     "plots": 4,
+    "report": 4,
     "laws": 4,
     "ros": 4,
     "cli": 5,

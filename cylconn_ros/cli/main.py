@@ -18,6 +18,7 @@ COMMANDS = {
     "simulate": "run a scene in this process, without ROS",
     "replay": "run a recording through the connector again, or with other parameters",
     "info": "show what is in a recorded run",
+    "report": "make one page of a recorded run: plots, friction disc, 3-D view, summary",
     "salvage": "give back what is left of a run that was never closed",
     "laws": "check the laws of the step from outside, on random states or a recorded run",
     "bench": "measure speed and accuracy, beside others'",

@@ -1,0 +1,79 @@
+"""One self-contained page of a run: template, style, program and numbers in one text."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_STATIC = Path(__file__).parent / "static"
+_SCRIPTS = ("data", "axis", "chart", "events", "plane", "solid", "scene", "cursor", "main")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One line of the summary; ``bad`` marks what the reader should not miss."""
+
+    label: str
+    value: str
+    note: str = ""
+    bad: bool = False
+
+
+def render(
+    title: str,
+    facts: Sequence[Fact],
+    notes: Sequence[str],
+    sources: Sequence[tuple[str, str]],
+    parameters: str,
+    head: dict[str, Any],
+    numbers: str,
+) -> str:
+    """Put a page together.
+
+    Parameters
+    ----------
+    title
+        What was recorded.
+    facts, notes
+        The summary; what has to be known to read it rightly.
+    sources
+        Name and value of what the run was made with: version, method, model, file.
+    parameters
+        The parameters in force, as a parameter file.
+    head, numbers
+        From :func:`payload.build`.
+
+    """
+    parts = {
+        "title": html.escape(title),
+        "facts": "\n".join(_fact(fact) for fact in facts),
+        "notes": "\n".join(f"<li>{html.escape(note)}</li>" for note in notes),
+        "sources": "\n".join(
+            f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in sources
+        ),
+        "parameters": html.escape(parameters or "none were stored with the run"),
+        "style": (_STATIC / "page.css").read_text(encoding="utf-8"),
+        "script": "\n".join(
+            (_STATIC / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS
+        ),
+        # In a script element only `<` could end it or begin a comment.
+        "head": json.dumps(head, allow_nan=False).replace("<", "\\u003c"),
+        "numbers": numbers,
+    }
+    # Split rather than replaced in turn: what is put in may itself hold a mark.
+    pieces = (_STATIC / "page.html").read_text(encoding="utf-8").split("%%")
+    pieces[1::2] = [parts[name] for name in pieces[1::2]]
+    return "".join(pieces)
+
+
+def _fact(fact: Fact) -> str:
+    bad = ' class="bad"' if fact.bad else ""
+    note = f"<small>{html.escape(fact.note)}</small>" if fact.note else ""
+    return (
+        f"<div{bad}><span>{html.escape(fact.label)}</span>"
+        f"<strong>{html.escape(fact.value)}</strong>{note}</div>"
+    )

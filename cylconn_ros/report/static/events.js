@@ -1,0 +1,119 @@
+// What was on when: regimes, stops, locks, refused samples, flags. As bands behind every plot, and as a plot of their own.
+
+// The bits that are up in each pixel column of a plot.
+function columnsOfBits(run, group, view, width) {
+  const bits = run.events[group].bits;
+  const columns = new Uint32Array(Math.max(1, Math.ceil(width)));
+  const scale = width / (view[1] - view[0]);
+  const last = run.time.length - 1;
+  const from = Math.max(0, before(run.time, view[0]));
+  for (let k = from; k <= last && run.time[k] <= view[1]; k++) {
+    if (!bits[k]) continue;
+    const next = k < last && !run.gap[k + 1] ? run.time[k + 1] : run.until[k];
+    const x0 = Math.max(0, Math.floor((run.time[k] - view[0]) * scale));
+    const x1 = Math.min(columns.length - 1, Math.max(x0, Math.ceil((next - view[0]) * scale) - 1));
+    for (let x = x0; x <= x1; x++) columns[x] |= bits[k];
+  }
+  return columns;
+}
+
+// Stretches of pixel columns for which `is` holds.
+function stretches(columns, is) {
+  const found = [];
+  let start = -1;
+  for (let x = 0; x <= columns.length; x++) {
+    const on = x < columns.length && is(columns[x]);
+    if (on && start < 0) start = x;
+    if (!on && start >= 0) {
+      found.push([start, x]);
+      start = -1;
+    }
+  }
+  return found;
+}
+
+const STICK = 2, SLIP = 4;
+
+// Behind a plot: tints for stick and slip (both where a column holds both), edges for stops and locks.
+class Bands {
+  constructor(link) {
+    this.link = link;
+    this.width = -1;
+    link.on("view", () => (this.width = -1));
+  }
+
+  paint(context, left, top, width, height) {
+    const { run, view, palette } = this.link;
+    if (this.width !== width) {
+      this.width = width;
+      const regime = columnsOfBits(run, "regime", view, width);
+      this.found = {
+        stick: stretches(regime, (bits) => bits & STICK),
+        slip: stretches(regime, (bits) => bits & SLIP),
+        stop: stretches(columnsOfBits(run, "stop", view, width), (bits) => bits),
+        lock: stretches(columnsOfBits(run, "lock", view, width), (bits) => bits),
+      };
+    }
+    for (const name of ["stick", "slip"]) {
+      context.fillStyle = palette[name];
+      for (const [a, b] of this.found[name]) context.fillRect(left + a, top, b - a, height);
+    }
+    for (const [name, y] of [["stop", top + height - 3], ["lock", top]]) {
+      context.fillStyle = palette[name];
+      for (const [a, b] of this.found[name]) context.fillRect(left + a, y, Math.max(b - a, 1.5), 3);
+    }
+  }
+}
+
+const GROUP_COLOURS = { stop: "stop", lock: "lock", status: "red", flags: "purple" };
+
+// A row for everything that ever was on.
+class Events {
+  constructor(host, link) {
+    this.link = link;
+    this.rows = [];
+    for (const [group, { bits, names }] of Object.entries(link.run.events)) {
+      let ever = 0;
+      for (const value of bits) ever |= value;
+      names.forEach((name, bit) => {
+        if (!((ever >>> bit) & 1)) return;
+        const colour = group === "regime" ? ["none-strong", "stick-strong", "slip-strong"][bit] : GROUP_COLOURS[group];
+        this.rows.push({ group, name: group === "status" ? `refused: ${name}` : name, mask: (1 << bit) >>> 0, colour });
+      });
+    }
+    this.parts = frame(host, "time events", "What was on", "", 17 * this.rows.length + 24);
+    this.now = element("span", "key");
+    this.parts.header.append(this.now);
+  }
+
+  draw() {
+    const { run, view, palette } = this.link;
+    const width = this.parts.stage.clientWidth, height = this.parts.stage.clientHeight;
+    const context = prepare(this.parts.base, width, height);
+    const plot = plotArea(width, height);
+    timeAxis(context, this.link, plot);
+    const cache = {};
+    this.rows.forEach((row, k) => {
+      const columns = (cache[row.group] ??= columnsOfBits(run, row.group, view, plot.width));
+      const y = plot.top + 17 * k;
+      context.fillStyle = palette.soft;
+      context.textAlign = "right";
+      context.textBaseline = "middle";
+      context.fillText(row.name, plot.left - 6, y + 9, plot.left - 8);
+      context.fillStyle = palette[row.colour];
+      for (const [a, b] of stretches(columns, (bits) => bits & row.mask)) {
+        context.fillRect(plot.left + a, y + 4, Math.max(b - a, 1.5), 10);
+      }
+    });
+  }
+
+  drawCursor() {
+    cursorLine(this.parts, this.link);
+    const on = this.rows.filter((row) => this.link.run.events[row.group].bits[this.link.index] & row.mask);
+    this.now.textContent = on.map((row) => row.name).join(", ") || "nothing";
+  }
+
+  get values() {
+    return [this.now.textContent];
+  }
+}

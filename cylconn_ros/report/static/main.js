@@ -1,0 +1,167 @@
+// Build the page, and join what the reader does to what is shown.
+
+// Drag to zoom, shift-drag to move, ctrl-wheel to zoom, double click for all; moving places the cursor.
+function pointing(parts, link) {
+  const { stage } = parts;
+  const selection = element("div", "selection");
+  selection.hidden = true;
+  stage.append(selection);
+  let from = null;
+  const at = (event) => {
+    const box = stage.getBoundingClientRect();
+    const plot = plotArea(box.width, box.height);
+    const x = Math.min(Math.max(event.clientX - box.left, plot.left), plot.left + plot.width);
+    return { x, t: link.view[0] + ((x - plot.left) / plot.width) * (link.view[1] - link.view[0]), plot };
+  };
+  stage.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    if (event.pointerType === "mouse") stage.setPointerCapture(event.pointerId);
+    if (link.playing) link.pause();
+    from = { ...at(event), view: [...link.view], moving: event.shiftKey, touch: event.pointerType === "touch" };
+    link.setCursor(from.t);
+  });
+  stage.addEventListener("pointermove", (event) => {
+    if (link.playing) return;
+    const now = at(event);
+    if (from && from.moving) {
+      const by = ((from.x - now.x) / now.plot.width) * (from.view[1] - from.view[0]);
+      link.setView(from.view[0] + by, from.view[1] + by);
+      return;
+    }
+    link.setCursor(now.t);
+    if (!from || from.touch) return;
+    selection.hidden = Math.abs(now.x - from.x) < 4;
+    selection.style.left = `${Math.min(from.x, now.x)}px`;
+    selection.style.width = `${Math.abs(now.x - from.x)}px`;
+  });
+  const release = (event) => {
+    if (from && !selection.hidden && event.type === "pointerup") {
+      const to = at(event);
+      link.setView(Math.min(from.t, to.t), Math.max(from.t, to.t));
+    }
+    selection.hidden = true;
+    from = null;
+  };
+  stage.addEventListener("pointerup", release);
+  stage.addEventListener("pointercancel", release);
+  stage.addEventListener("dblclick", () => link.whole());
+  stage.addEventListener("wheel", (event) => {
+    if (!event.ctrlKey && !event.shiftKey) return;
+    event.preventDefault();
+    link.zoom(Math.exp((event.deltaY || event.deltaX) * 0.002), at(event).t);
+  }, { passive: false });
+}
+
+function legend(link) {
+  const host = document.getElementById("legend");
+  const ever = (group) => link.run.events[group].bits.reduce((all, bits) => all | bits, 0);
+  const regime = ever("regime");
+  const entries = [
+    [regime & STICK, "stick", "stick"],
+    [regime & SLIP, "slip", "slip"],
+    [ever("stop"), "stop", "at a stop (lower edge)"],
+    [ever("lock"), "lock", "locked (upper edge)"],
+  ];
+  for (const [present, colour, text] of entries) {
+    if (!present) continue;
+    const entry = element("span");
+    const swatch = element("i");
+    swatch.style.background = `var(--${colour})`;
+    swatch.style.border = "1px solid var(--line)";
+    entry.append(swatch, text);
+    host.append(entry);
+  }
+}
+
+function note(text) {
+  document.getElementById("notes").append(element("li", "", text));
+}
+
+function build(run) {
+  const link = new Link(run);
+  const plots = document.getElementById("plots"), views = document.getElementById("views");
+  const bands = new Bands(link);
+  const charts = [new Events(plots, link), ...run.panels.map((panel) => new Chart(plots, panel, link, bands))];
+  const others = [new Scene(views, link)];
+  if (run.radius !== null) {
+    others.push(new Plane(views, link, { key: "disc", title: "Friction disc", unit: "N", x: "f1", y: "m1", limit: "limit",
+      labels: ["f₁ friction [N]", "m₁ friction / R [N]"], height: 300, equal: true }));
+  }
+  others.push(new Plane(views, link, { key: "slip", title: "Path of the slip", unit: run.radius !== null ? "m" : "m, rad",
+    x: "u1", y: "ur1", limit: null, labels: ["slide u₁ [m]", run.radius !== null ? "R · spin uᵣ₁ [m]" : "spin uᵣ₁ [rad]"],
+    height: 210, equal: false }));
+  if (!run.whole) {
+    note(`${run.samples.toLocaleString("en")} samples are shown in ${run.time.length.toLocaleString("en")} buckets of up to `
+      + `${run.bucket}: what is drawn and read is the smallest and the largest value of each, so every extreme is kept; the `
+      + `3-D view and the planes show ${run.path.time.length.toLocaleString("en")} of the samples, their extremes among them. `
+      + "Every sample of a stretch: cylconn report --from and --to.");
+  }
+  if (run.empty.length) note(`Without anything to show: ${run.empty.join(", ")}.`);
+  const all = [...charts, ...others];
+  for (const chart of charts) pointing(chart.parts, link);
+  legend(link);
+  return { link, all };
+}
+
+function controls({ link, all }) {
+  const clock = document.getElementById("clock"), play = document.getElementById("play");
+  const whole = document.getElementById("whole");
+  const cursor = () => {
+    for (const one of all) one.drawCursor();
+    clock.textContent = `t = ${minus(link.t.toFixed(4))} s`;
+    play.textContent = link.playing ? "❚❚ pause" : "▶ play";
+  };
+  const draw = () => {
+    for (const one of all) one.draw();
+    whole.disabled = link.isWhole;
+    cursor();
+  };
+  let asked = 0;
+  const later = (what) => () => {
+    if (asked === 2 || (asked === 1 && what === cursor)) return;
+    if (!asked) requestAnimationFrame(() => {
+      const all = asked === 2;
+      asked = 0;
+      (all ? draw : cursor)();
+    });
+    asked = what === draw ? 2 : 1;
+  };
+  link.on("cursor", later(cursor));
+  link.on("view", later(draw));
+  play.addEventListener("click", () => (link.playing ? link.pause() : link.play()));
+  whole.addEventListener("click", () => link.whole());
+  document.addEventListener("keydown", (event) => {
+    if (event.target.closest("button, summary, input") || event.altKey || event.ctrlKey || event.metaKey) return;
+    const does = { ArrowLeft: () => link.step(-1), ArrowRight: () => link.step(1), " ": () => play.click(),
+      Escape: () => link.whole() }[event.key];
+    if (!does) return;
+    event.preventDefault();
+    does();
+  });
+  const system = matchMedia("(prefers-color-scheme: dark)");
+  const theme = (dark) => {
+    document.documentElement.dataset.theme = dark ? "dark" : "light";
+    link.palette = readPalette();
+    draw();
+  };
+  document.getElementById("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme !== "dark"));
+  system.addEventListener("change", () => theme(system.matches));
+  new ResizeObserver(later(draw)).observe(document.getElementById("plots"));
+  link.setCursor(link.run.begin + 0.35 * (link.run.end - link.run.begin));
+  theme(system.matches);
+}
+
+function failed(error) {
+  const place = document.getElementById("failure");
+  place.hidden = false;
+  place.textContent = `This page could not be drawn: ${error?.message ?? error}. It needs a browser of 2023 or later.`;
+}
+
+window.addEventListener("error", (event) => failed(event.error ?? event.message));
+const ready = readRun().then((run) => {
+  const built = build(run);
+  controls(built);
+  return built;
+});
+ready.catch(failed);
+globalThis.report = { ready };
