@@ -1,16 +1,23 @@
-"""Show what is in a recorded run: topics and counts, method, regimes, worst violation, end.
+"""Show what is in a recorded run: topics and counts, method, how it went, worst violation, end.
 
-RUN is a recorded directory (with metadata.yaml) or an .mcap file.
+One line a quantity draws its course from the smallest to the largest value; violations by powers of
+ten. RUN is a recorded directory (with metadata.yaml) or an .mcap file.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import shutil
+import sys
 from pathlib import Path
 
-from cylconn_ros.cli.results import Results, reduce_states
+import numpy as np
+
+from cylconn_ros.cli.results import REGIMES, Results, reduce_states
 from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.recording.reader import Run, read_run
+from cylconn_ros.recording.reader import Run, Table, read_run
+from cylconn_ros.report.sparkline import BLOCKS, PLAIN, sparkline, strip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +72,54 @@ def _states(recorded: Run) -> list[str]:
     methods = ", ".join(dict.fromkeys(state["method"]))
     model = recorded.metadata.get("model", "not recorded")
     found = reduce_states(state.time, state.columns)
-    return [f"method      {methods}", f"model       {model}", *describe(found)]
+    lines = [f"method      {methods}", f"model       {model}", *describe(found)]
+    return lines + courses(state, width=shutil.get_terminal_size((100, 24)).columns)
+
+
+_COURSES = (
+    ("slide", "displacement", None, 1.0, "m", False),
+    ("spin", "rotation", None, 0.5 / math.pi, "turns", False),
+    ("slip rate", "slip_rate", None, 1.0, "m/s", False),
+    ("normal", "normal_force", None, 1.0, "N", False),
+    ("limit", "friction_limit", None, 1.0, "N", False),
+    ("traction", "traction", None, 1.0, "N", False),
+    ("force f1", "force", 0, 1.0, "N", False),
+    ("moment m1", "moment", 0, 1.0, "N m", False),
+    ("offset", "offset_violation", None, 1e3, "mm", True),
+    ("misaligned", "angular_violation", None, 1e3, "mrad", True),
+    ("energy", "energy_exchanged", None, 1.0, "J", False),
+)
+"""Name, field and component of ConnectorState, factor, unit, whether by powers of ten."""
+
+_RANGE_WIDTH = 36  # of the smallest and largest value and the unit, behind a line
+
+
+def courses(state: Table, width: int) -> list[str]:
+    """Draw how the run went, a line a quantity that was not zero throughout."""
+    blocks = _can_print(BLOCKS)
+    width = min(max(width - 12 - _RANGE_WIDTH, 10), 60)
+    marks = ".█░" if blocks else ".#~"
+    named = [f"{marks[k]} {REGIMES[k]}" for k in range(3) if np.any(state["regime"] == k)]
+    lines = [f"regime      {strip(state['regime'], marks, width)}  {', '.join(named)}"]
+    for name, field, component, factor, unit, log in _COURSES:
+        values = np.asarray(state[field], dtype=np.float64) * factor
+        values = np.abs(values) if log else values
+        values = values if component is None else values[:, component]
+        finite = values[np.isfinite(values)]
+        if not np.any(finite):
+            continue
+        drawn = sparkline(values, width, log, BLOCKS if blocks else PLAIN)
+        span = f"{finite.min():.4g} to {finite.max():.4g} {unit}"
+        lines.append(f"{name:<11} {drawn}  {span}")
+    return lines
+
+
+def _can_print(text: str) -> bool:
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def describe(found: Results) -> list[str]:

@@ -1,8 +1,9 @@
-"""Make one self-contained page of a recorded run: plots over time, friction disc, 3-D view, summary.
+"""Make one page of a recorded run: plots over time, friction disc, 3-D view, summary.
 
-RUN is a recorded directory (with metadata.yaml) or an .mcap file. The page needs no network and opens
-in any browser of 2023 or later. Of runs beyond 40 000 samples it shows the smallest and the largest
-value of short stretches, and says so; --from and --to take every sample of a part.
+RUN is a recorded directory (with metadata.yaml) or an .mcap file. The page is one file, needs no
+network and opens in any browser of 2023 or later. Of runs beyond 40 000 samples it shows the
+smallest and the largest value of short stretches, and says so; --from and --to take every sample of
+a part.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The numbers in a page: arrays packed one behind the other, and a head that says where they lie."""
+"""The numbers in a page: arrays packed one behind the other, and a head that says where."""
 
 from __future__ import annotations
 

@@ -1,0 +1,478 @@
+"""The report of a run: what is kept of the numbers, and the page in a real browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Page, browser
+
+from cylconn_ros.cli.main import main
+from cylconn_ros.core.layout import STATE_FIELDS
+from cylconn_ros.recording.errors import RecordingError
+from cylconn_ros.recording.reader import Run, read_run
+from cylconn_ros.report import decimate, gather, page, payload
+from cylconn_ros.report.panels import PANELS, States
+from cylconn_ros.report.sparkline import sparkline, strip
+
+KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo, long enough to come to rest."""
+    path = tmp_path_factory.mktemp("report") / "demo"
+    assert main(["simulate", "demo", "--duration", "4", "-o", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def run(recording: Path) -> Run:
+    return read_run(recording)
+
+
+@pytest.fixture(scope="session")
+def report(recording: Path) -> Path:
+    path = recording.with_suffix(".html")
+    assert main(["report", str(recording), "-o", str(path)]) == 0
+    return path
+
+
+class Packed:
+    """The numbers in a page, read by what its head says."""
+
+    def __init__(self, head: dict[str, Any], numbers: str) -> None:
+        self.head = json.loads(json.dumps(head))
+        self.data = zlib.decompress(base64.b64decode(numbers))
+
+    def __call__(self, place: list[Any]) -> np.ndarray:
+        kind, offset, count = place
+        return np.frombuffer(self.data, KINDS[kind], count, offset)
+
+    def curve(self, panel: str, label: str) -> list[np.ndarray]:
+        (found,) = (p for p in self.head["panels"] if p["key"] == panel)
+        (curve,) = (c for c in found["curves"] if c["label"] == label)
+        return [self(place) for place in curve["drawn"]]
+
+
+def made_up(count: int) -> gather.Gathered:
+    """States of noise, with one peak of one sample in each field."""
+    random = np.random.default_rng(7)
+    fields: dict[str, np.ndarray] = {}
+    for name, width in STATE_FIELDS:
+        values = random.normal(size=count if width == 1 else (count, width))
+        values[int(0.7318 * count)] = 1e3
+        values[int(0.2122 * count)] = -1e3
+        fields[name] = values
+    fields["regime"] = np.full(count, 2)
+    fields["regime"][count // 3] = 1
+    fields["flags"] = np.zeros(count, int)
+    fields["flags"][count // 5] = 1 << 6
+    for name in ("stop", "lock", "status"):
+        fields[name] = np.zeros(count, int)
+    fixed = np.array([[0.0, 0.0, 0.0, 1.0]])
+    geometry = gather.Geometry(fixed[:, :3], fixed, None, 0.02, 0.1, (np.nan, 1.0), (0.0, 0.0, 1.0))
+    none = np.zeros(count, bool)
+    return gather.Gathered(np.arange(count) * 1e-3, 0, States(fields, 0.02, 1.0), geometry, none)
+
+
+# What is kept of the numbers
+
+
+@pytest.mark.parametrize(("count", "buckets"), [(1000, 7), (13, 13), (5, 20), (1, 3)])
+def test_a_bucket_has_the_extremes_of_its_samples(count: int, buckets: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    values[::4] = np.nan
+    first = decimate.starts(count, buckets)
+    low, high = decimate.extremes(values, first)
+    parts = np.split(values, first[1:])
+    assert len(parts) == min(count, buckets)
+    assert all(len(part) for part in parts)
+    for part, least, most in zip(parts, low, high, strict=True):
+        finite = part[np.isfinite(part)]
+        assert [least, most] == [finite.min(), finite.max()] if len(finite) else np.isnan(least)
+
+
+def test_telling_rows_hold_the_extremes_of_every_column() -> None:
+    columns = np.random.default_rng(3).normal(size=(2, 5000))
+    columns[0, 77] = np.nan
+    first = decimate.starts(5000, 11)
+    rows = decimate.telling_rows(columns, first, 5000)
+    assert len(rows) <= 11 * 5 + 1
+    for start, end in zip(first, [*first[1:], 5000], strict=True):
+        kept = rows[(rows >= start) & (rows < end)]
+        for column in columns:
+            assert np.nanmin(column[kept]) == np.nanmin(column[start:end])
+            assert np.nanmax(column[kept]) == np.nanmax(column[start:end])
+
+
+def test_bits_of_a_single_sample_are_kept() -> None:
+    bits = np.zeros(1000, np.int64)
+    bits[537] = 8
+    assert decimate.union(bits, decimate.starts(1000, 10)).tolist() == [
+        0,
+        0,
+        0,
+        0,
+        0,
+        8,
+        0,
+        0,
+        0,
+        0,
+    ]
+
+
+def test_a_short_run_is_in_the_page_whole(run: Run) -> None:
+    found = gather.gather(run)
+    packed = Packed(*payload.build(found))
+    assert packed.head["whole"]
+    state = run.state
+    for panel, label, expected in (
+        ("slide", "u₁", state["displacement"]),
+        ("speed", "spin R ω₁", 0.02 * state["angular_velocity"][:, 0]),
+        ("normal", "FN", state["normal_force"]),
+        ("normal", "preload", state["normal_force"]),  # the uppermost of what is stacked
+        ("f1", "friction", state["force_friction"]),
+        ("violation", "offset [mm]", state["offset_violation"] * 1e3),
+    ):
+        (drawn,) = packed.curve(panel, label)
+        np.testing.assert_allclose(drawn, expected, rtol=1e-6)
+    np.testing.assert_array_equal(packed(packed.head["time"]), state.time)
+    regime = packed(packed.head["events"]["regime"]["bits"])
+    np.testing.assert_array_equal(regime, 1 << state["regime"].astype(int))
+
+
+def test_a_million_samples_keep_every_extreme_in_a_small_page() -> None:
+    found = made_up(1_000_000)
+    head, numbers = payload.build(found)
+    packed = Packed(head, numbers)
+    assert not head["whole"]
+    assert len(numbers) + len(json.dumps(head)) < 8e6
+    for panel, label, name, component in (
+        ("slide", "u₁", "displacement", None),
+        ("f1", "elastic", "force_elastic", None),
+        ("across", "f₂", "force", 1),
+    ):
+        low, high = packed.curve(panel, label)
+        assert len(low) == len(high) == payload.BUCKETS
+        values = found.states(name, component)
+        np.testing.assert_array_equal(
+            low, np.minimum.reduceat(values, decimate.starts(10**6, payload.BUCKETS)).astype("f4")
+        )
+        assert (low.min(), high.max()) == (-1e3, 1e3)
+    events = packed.head["events"]
+    assert int((packed(events["regime"]["bits"]) & 2).sum()) == 2  # the one sample that stuck
+    assert int(packed(events["flags"]["bits"]).sum()) == 1 << 6
+    path = packed.head["path"]
+    assert packed(path["u1"]).max() == packed(path["f1"]).max() == 1e3
+    assert len(packed(path["time"])) <= 9 * payload.PATH_BUCKETS + 1
+
+
+def test_the_3d_view_knows_where_the_bodies_are(run: Run) -> None:
+    found = gather.gather(run)
+    geometry = found.geometry
+    state = run.state
+    slot = gather.rotate(geometry.axes, np.array([1.0, 0.0, 0.0]))
+    node_b = geometry.origin + state["length"][:, None] * slot
+    # The scene puts the mass centre 2.1 mm off the axis and 1.2 mm beyond node b.
+    assert geometry.centre is not None
+    apart = np.linalg.norm(geometry.centre - node_b, axis=1)
+    np.testing.assert_allclose(apart, np.hypot(1.2e-3, np.hypot(1.8e-3, 1.0e-3)), rtol=1e-3)
+    assert (geometry.radius, geometry.overlap, geometry.up) == (0.02, 0.08, (0.0, 0.0, 1.0))
+
+
+def test_what_is_wrong_with_the_samples_is_said(run: Run) -> None:
+    state = run.state
+    columns = dict(state.columns)
+    nanosec = columns["header.stamp.nanosec"].copy()
+    nanosec[10] = nanosec[9]  # a repeated stamp
+    keep = np.r_[0:100, 150 : len(nanosec)]  # a gap
+    columns = {name: values.copy()[keep] for name, values in columns.items()}
+    columns["header.stamp.nanosec"] = nanosec[keep]
+    columns["normal_force"][60] = np.nan
+    table = type(state)(state.topic, state.type, keep, keep, columns, 3)
+    broken = Run(run.path, run.metadata, {}, "the end is missing")
+    broken.types = {state.topic: state.type}
+    broken._tables = {state.topic: table}
+    found = gather.gather(broken)
+    said = " ".join(found.notes)
+    assert "not whole: the end is missing" in said
+    assert "3 states could not be decoded" in said
+    assert "1 samples whose stamps repeat" in said
+    assert "1 gaps without samples, 0.051 s" in said
+    assert "1 fields hold values that are not finite" in said
+    assert np.flatnonzero(found.gaps).tolist() == [99]
+    head, numbers = payload.build(found)
+    (normal,) = Packed(head, numbers).curve("normal", "FN")
+    assert np.flatnonzero(np.isnan(normal)).tolist() == [59]
+
+
+def test_a_part_of_a_run(run: Run) -> None:
+    found = gather.gather(run, 1.0, 1.5)
+    assert (found.time[0], found.time[-1]) == (1.0, 1.5)
+    assert "Only 1 to 1.5 s" in found.notes[0]
+    with pytest.raises(RecordingError, match=r"no sample between 9 and inf s; it has 0 to 3.999 s"):
+        gather.gather(run, 9.0)
+
+
+def test_every_field_of_a_panel_is_in_the_message() -> None:
+    found = made_up(10)
+    for panel in PANELS:
+        for curve in panel.curves:
+            assert curve.values(found.states).shape == (10,), f"{panel.title}: {curve.label}"
+
+
+def test_what_a_run_says_of_itself_is_text_and_no_markup() -> None:
+    head, numbers = payload.build(made_up(20))
+    evil = "</script><img src=x onerror=alert(1)>%%numbers%%"
+    head["empty"] = [evil]
+    text = page.render(evil, [page.Fact(evil, evil)], [evil], [(evil, evil)], evil, head, numbers)
+    assert "<img" not in text
+    assert text.count("</script>") == 3
+    assert text.count(numbers) == 1
+
+
+def test_the_page_refers_to_nothing_outside(report: Path) -> None:
+    outside = r"""(src|href)=["']?(?!data:)\w|url\(|@import|https?:|\bimport\b.*from|\bfetch\("""
+    assert re.search(outside, report.read_text()) is None
+
+
+# In the terminal
+
+
+def test_a_sparkline_shows_a_peak_of_one_sample() -> None:
+    values = np.zeros(10_000)
+    values[4321] = 1.0
+    line = sparkline(values, 50)
+    assert len(line) == 50
+    assert line.index("█") == 21
+    assert set(line) == {"▁", "█"}
+    values[:300] = np.nan
+    assert sparkline(values, 50).startswith(" ▁")
+    assert sparkline(np.array([1e-9, 0.0, 1e-5, 1e-1]), 4, log=True) == "▁▁▅█"
+    assert sparkline(np.zeros(3), 9) == "▁▁▁"
+    assert sparkline(np.array([]), 9) == ""
+
+
+def test_a_strip_passes_over_nothing() -> None:
+    states = np.full(1000, 2)
+    states[500:] = 1
+    states[777] = 2
+    assert strip(states, ".#~", 10) == "~~~~~##/##"
+
+
+def test_info_draws_the_course_of_a_run(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "90")
+    assert main(["info", str(recording)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) < 40  # one screen
+    (slide,) = (line for line in lines if line.startswith("slide "))
+    assert re.search(r"▁▁?▂.*▆▇+█+  0 to 1\.447 m$", slide)
+    assert any(re.search(r"^regime .*░+/?█+  █ stick, ░ slip$", line) for line in lines)
+    assert all(len(line) <= 90 for line in lines[lines.index(slide) :])
+
+
+# The command
+
+
+def test_the_command_says_what_it_wrote(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "r.html"
+    part = ["--from", "3", "--to", "3.25", "--title", "The last <metre>"]
+    assert main(["report", str(recording), "-o", str(output), *part]) == 0
+    said = capsys.readouterr().out
+    assert "251 samples: every sample" in said
+    assert "note        Only 3 to 3.25 s of 3.999 s." in said
+    text = output.read_text()
+    assert "<title>The last &lt;metre&gt;</title>" in text
+    assert "friction.coefficient: 0.2" in text
+    assert main(["report", str(recording), "-o", str(tmp_path / "r.pdf")]) == 2
+    assert main(["report", str(recording), "-o", str(tmp_path / "no" / "r.html")]) == 2
+    assert "No such file or directory" in capsys.readouterr().err
+
+
+# In a browser
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def opened(chromium: Page, report: Path) -> Page:
+    chromium.problems.clear()
+    chromium.requests.clear()
+    chromium.open(report)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    return chromium
+
+
+VALUES = "built.all.map((one) => [one.parts.root.dataset.key ?? 'events', ...one.values])"
+# For every plot: the share of its curves of which the canvas shows the colour.
+INKED = """
+built.all.filter((one) => one.panel).map((one) => {
+  const canvas = one.parts.base, context = canvas.getContext("2d");
+  const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+  const missing = one.panel.curves.filter((curve) => {
+    const hex = built.link.palette[curve.colour];
+    const wanted = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+    for (let k = 0; k < data.length; k += 4) {
+      if (wanted.every((part, c) => Math.abs(data[k + c] - part) < 8)) return false;
+    }
+    return true;
+  });
+  return [one.panel.key, missing.map((curve) => curve.label)];
+})
+"""
+COLOURS = """
+built.all.map((one) => {
+  const canvas = one.parts.base, context = canvas.getContext("2d");
+  const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+  return new Set(new Uint32Array(data.buffer)).size;
+})
+"""
+
+
+def place(opened: Page, key: str, share: float) -> tuple[float, float]:
+    """A point in a plot, at a share of its width."""
+    box = opened.run(
+        f"(() => {{ const stage = document.querySelector('[data-key={key}] .stage');"
+        " stage.scrollIntoView({ block: 'center' }); const b = stage.getBoundingClientRect();"
+        " const area = [86, b.width - 98]; return [b.left, b.top, b.height, ...area]; })()"
+    )
+    return box[0] + box[3] + share * box[4], box[1] + 0.4 * box[2]
+
+
+def test_the_page_opens_without_a_complaint_and_without_the_network(opened: Page) -> None:
+    assert opened.problems == []
+    assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
+    assert opened.run("document.getElementById('failure').hidden")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_plot_has_its_curves(chromium: Page, report: Path, dark: bool) -> None:
+    chromium.open(report, dark=dark)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    inked = dict(chromium.run(INKED))
+    shown = {"slide", "spin", "speed", "normal", "friction", "f1", "m1", "across", "bending"}
+    assert {*shown, "violation", "rates", "energy", "residual"} <= set(inked)
+    assert {key: missing for key, missing in inked.items() if missing} == {}
+    assert min(chromium.run(COLOURS)) > 5  # nothing is blank, the disc and the 3-D view neither
+    page_colour = chromium.run("getComputedStyle(document.body).backgroundColor")
+    red = int(re.findall(r"\d+", page_colour)[0])
+    assert red < 60 if dark else red > 200
+
+
+def test_one_cursor_moves_every_value(opened: Page, run: Run) -> None:
+    seen = []
+    for share in (0.1, 0.5):
+        opened.mouse("mouseMoved", *place(opened, "normal", share))
+        opened.settle()
+        seen.append(opened.run(VALUES))
+        k = opened.run("built.link.index")
+        assert abs(k - share * 3999) < 12  # a pixel is 5 samples
+        readings = {key: values for key, *values in seen[-1]}
+        force = float(run.state["normal_force"][k])
+        assert float(readings["normal"][-1]) == pytest.approx(force, rel=1e-4)
+        slide = float(run.state["displacement"][k])
+        assert float(readings["slide"][0]) == pytest.approx(slide, rel=1e-4)
+        limit = float(run.state["friction_limit"][k])
+        assert float(readings["disc"][0].split()[-1]) == pytest.approx(limit, rel=1e-4)
+        assert f"l {run.state['length'][k]:.4f}" in readings["scene"][0]
+    same = [a[0] for a, b in zip(*seen, strict=True) if a == b]
+    assert same == ["events"]  # it slips at both
+
+
+def test_dragging_zooms_all_plots_and_a_double_click_shows_all(opened: Page) -> None:
+    (x0, y), (x1, _) = place(opened, "slide", 0.25), place(opened, "slide", 0.5)
+    before = opened.run("built.all.map((one) => one.parts.base.toDataURL())")
+    opened.mouse("mouseMoved", x0, y)
+    opened.mouse("mousePressed", x0, y, button="left", buttons=1, clickCount=1)
+    opened.mouse("mouseMoved", x1, y, button="left", buttons=1)
+    opened.mouse("mouseReleased", x1, y, button="left", clickCount=1)
+    opened.settle()
+    low, high = opened.run("built.link.view")
+    assert (low, high) == (pytest.approx(1.0, abs=0.02), pytest.approx(2.0, abs=0.02))
+    after = opened.run("built.all.map((one) => one.parts.base.toDataURL())")
+    assert all(a != b for a, b in zip(before, after, strict=True))
+    for count in (1, 2):
+        opened.mouse("mousePressed", x1, y, button="left", buttons=1, clickCount=count)
+        opened.mouse("mouseReleased", x1, y, button="left", clickCount=count)
+    opened.settle()
+    assert opened.run("built.link.isWhole")
+    assert opened.problems == []
+
+
+def test_keys_step_and_play(opened: Page) -> None:
+    opened.run("built.link.setCursor(1.0)")
+
+    def press(key: str) -> None:
+        event = f"new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }})"
+        opened.run(f"document.body.dispatchEvent({event})")
+
+    press("ArrowRight")
+    assert opened.run("built.link.index") == 1001
+    press(" ")
+    opened.run("new Promise((done) => setTimeout(done, 300))")
+    press(" ")
+    assert opened.run("built.link.t") > 1.001
+    assert opened.run("built.link.playing === null")
+
+
+def test_the_button_changes_light_and_dark(opened: Page) -> None:
+    colour = "getComputedStyle(document.body).backgroundColor"
+    light = opened.run(colour)
+    opened.run("document.getElementById('theme').click()")
+    assert opened.run(colour) != light
+    assert opened.problems == []
+
+
+def test_a_long_run_says_how_it_is_shown(chromium: Page, tmp_path: Path) -> None:
+    head, numbers = payload.build(made_up(100_000))
+    path = tmp_path / "long.html"
+    path.write_text(page.render("long", [], [], [], "", head, numbers))
+    chromium.problems.clear()
+    chromium.open(path)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    assert chromium.problems == []
+    notes = chromium.run("document.getElementById('notes').textContent")
+    assert "100,000 samples are shown in 8,000 buckets of up to 13" in notes
+    assert "every extreme is kept" in notes
+    chromium.run("built.link.setCursor(73.18)")
+    chromium.settle()
+    readings = {key: first for key, first, *_ in chromium.run(VALUES)}
+    assert "… 1000.0" in readings["slide"]
+    assert dict(chromium.run(INKED))["slide"] == []
+
+
+def test_a_damaged_page_says_so(chromium: Page, report: Path, tmp_path: Path) -> None:
+    text = report.read_text()
+    path = tmp_path / "damaged.html"
+    at = text.index('id="numbers">') + 500
+    path.write_text(text[:at] + "AAAA" * 200 + text[at + 800 :])
+    chromium.events.clear()
+    chromium.send("Page.navigate", url=path.as_uri())
+    chromium.run(
+        "new Promise((done) => setTimeout(done, 200)).then(() => report.ready).catch(() => 0)"
+    )
+    assert "could not be drawn" in chromium.run("document.getElementById('failure').textContent")
+    assert not chromium.run("document.getElementById('failure').hidden")
+
+
+def test_without_a_browser_the_test_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYLCONN_BROWSER", "no-such-browser")
+    with pytest.raises(AssertionError, match="sudo apt install chromium"):
+        __import__("browser").find_browser()
