@@ -62,11 +62,11 @@ class Program:
         return "\n".join(self.lines)
 
     def wait_for(self, text: str) -> str:
-        """Wait until it prints a line that begins so, and return the line."""
+        """Wait until it prints a line with ``text``, and return the line."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             for line in list(self.lines):
-                if line.startswith(text):
+                if text in line:
                     return line
             time.sleep(0.01)
         raise AssertionError(f"waited {PATIENCE} s in vain for {text!r}")

@@ -22,7 +22,6 @@ import cylconn_ros
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.connector import scene_file
-from cylconn_ros.connector.parameters import flatten
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.writer import RunWriter
@@ -116,8 +115,7 @@ def _scene(bag: Bag, options: argparse.Namespace) -> Scene:
     parameters: dict[str, Any] = {}
     node = bag.texts.get("node", "/connector")
     if "parameters" in bag.texts:
-        for block in (scene_file.parse(bag.texts["parameters"]) or {}).values():
-            parameters.update(flatten(block["ros__parameters"]))
+        parameters.update(scene_file.parameters_of(bag.texts["parameters"]))
     if options.params is not None:
         namespace, _, name = node.rpartition("/")
         parameters.update(

@@ -71,6 +71,14 @@ def dump(scene: Scene) -> str:
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
+def parameters_of(text: str) -> dict[str, Any]:
+    """Dotted parameters of every block of a parameter file's text, as :func:`dump` wrote it."""
+    parameters: dict[str, Any] = {}
+    for block in (parse(text) or {}).values():
+        parameters.update(flatten(block["ros__parameters"]))
+    return parameters
+
+
 def parse(text: str) -> Any:
     """YAML as ROS 2 reads it: 1e-3 is a number; a name given twice is refused.
 

@@ -40,9 +40,7 @@ def _pose(table: Table, prefix: str) -> Array:
     return np.hstack([position, vectors(table, (f"{prefix}orientation",), "xyzw")])
 
 
-def matched(
-    run: Run, scene: Scene, names: Mapping[str, str] | None = None
-) -> Iterator[Sampled]:
+def matched(run: Run, scene: Scene, names: Mapping[str, str] | None = None) -> Iterator[Sampled]:
     """The samples of a run as the node's own matching makes them, in the order of the recording.
 
     ``names`` says where a run has another topic for one of ours: ``{"body_b/pose": "/arm/pose"}``.
