@@ -164,4 +164,4 @@ const ready = readRun().then((run) => {
   return built;
 });
 ready.catch(failed);
-globalThis.report = { ready };
+globalThis.report = { ready, plotArea };
