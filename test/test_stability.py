@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cylconn_ros.bench.methods import served_by
 from cylconn_ros.bench.results import Findings, Gap, Measurement
 from cylconn_ros.bench.stability import channel, judge, loop, measure, show
 from cylconn_ros.bench.stability.channel import Channel, Faults
 from cylconn_ros.bench.stability.conditions import conditions
 from cylconn_ros.bench.stability.contestants import Ours, contestants
+from cylconn_ros.bench.stability.hand_written import PenaltyNode
 from cylconn_ros.bench.stability.judge import RESTS, SLIDES, Verdict
 from cylconn_ros.bench.stability.scenes import pair, sleeve
 from cylconn_ros.cli import lawful, main
@@ -192,6 +194,15 @@ def test_what_is_wrong_is_seen(at: int, by: float, since: float, reason: str) ->
     assert found.survived == (not reason)
 
 
+@pytest.mark.parametrize(("gained", "reason"), [(0.008, ""), (0.012, "energy +1.19 %")])
+def test_a_percent_of_energy_is_granted(gained: float, reason: str) -> None:
+    scene = sleeve(gravity=[0.0, 0.0, 0.0], friction={"coefficient": 0.0})
+    trace = loop.closed(scene, Ours(scene))
+    states = trace.states.copy()
+    states[600:, layout.B_TWIST : layout.B_TWIST + 6] *= math.sqrt(1.0 + gained)
+    assert judge.judge(scene, dataclasses.replace(trace, states=states)).reason == reason
+
+
 def test_the_first_fifth_of_a_second_is_for_settling() -> None:
     trace = good()
     states = trace.states.copy()
@@ -332,11 +343,29 @@ def test_our_connector_is_fed_as_by_the_node() -> None:
     ours = Ours(scene)
     sample = np.zeros(layout.NSAMPLE)
     sample[layout.MOTION] = simulate(scene, 1).states[0]
-    expected = Connector(scene).step(sample)[: layout.STATE0].copy()
     for stamp in (10**9, 0):
+        expected = Connector(scene).step(sample)[: layout.STATE0]
         np.testing.assert_array_equal(ours.receive(stamp, sample), expected)
+        sample[layout.B_POSE + 1] += 0.01  # to be pulled in, unless a new history begins with it
+    before = ours.connector.memory
+    ours.receive(0, sample)
+    np.testing.assert_array_equal(ours.connector.memory, before, "answered once")
     sample[layout.B_TWIST] = math.nan
     assert not ours.receive(10**6, sample).any()
+
+
+def test_the_hand_written_friction_is_regularised() -> None:
+    node = PenaltyNode(served_by(sleeve(com=(0.0, 0.0, 0.0)), "penalty"))
+    pushed = []
+    for slip in (1e-4, 1e-3, 1.0):
+        state = loop.closed(sleeve(velocity=slip, spin=0.0, duration=0.02), Ours(sleeve())).states[
+            0
+        ]
+        state[layout.B_POSE + 2] -= 1e-3  # a millimetre of spring
+        sample = np.concatenate([state, np.zeros(12)])
+        pushed.append(float(node.answer(sample)[layout.FORCE_B]))
+    np.testing.assert_allclose(np.divide(pushed, pushed[-1]), np.tanh([0.1, 1.0, 1000.0]))
+    assert pushed[-1] == pytest.approx(-0.2 * (1e-3 * node.k + 2.0))
 
 
 # --- how it is shown ---
