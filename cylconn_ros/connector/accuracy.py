@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.closed_loop import Chosen, closed_loop
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
@@ -24,29 +25,6 @@ SHARE = 0.01  # of the tolerance, for the steps of minimal: on all scenes measur
 LEAST = 1e-13  # tolerance of a step; below it is rounding
 SAFETY = 2.0  # on the error of n substeps estimated from 2n
 MOST_SUBSTEPS = 1024
-
-
-@dataclasses.dataclass(frozen=True)
-class Chosen:
-    """How a motion is computed.
-
-    Attributes
-    ----------
-        method: minimal or impulse. substeps: of a period. step_tolerance: minimal's, 0 for impulse.
-        estimate: relative error that is left, NaN where it was not estimated.
-    """
-
-    method: str
-    substeps: int
-    step_tolerance: float
-    estimate: float
-
-    def __str__(self) -> str:
-        """One line for whoever reads the run."""
-        if self.method == "minimal":
-            return f"minimal, its steps to {self.step_tolerance:.0e}"
-        error = f", estimated error {self.estimate:.0e}" if math.isfinite(self.estimate) else ""
-        return f"impulse, {self.substeps} substeps a period{error}"
 
 
 def step_tolerance(tolerance: float) -> float:
@@ -91,12 +69,10 @@ def _by_substeps(scene: Scene, steps: int) -> tuple[Array, Chosen]:
 
 def _looped(scene: Scene, steps: int, substeps: int) -> tuple[Array, Array]:
     """States, and (length, angle), at the stamps of a loop with substeps."""
-    from cylconn_ros.connector.simulation import simulate
-
     fine = dataclasses.replace(
         scene, method="impulse", tolerance=0.0, period=scene.period / substeps
     )
-    run = simulate(fine, steps * substeps + 1)
+    run = closed_loop(fine, steps * substeps + 1)
     place = run.outs[::substeps, [layout.LENGTH, layout.ANGLE]]
     return run.states[::substeps], place
 

@@ -139,12 +139,7 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     mem[model.LAST_ANGLE], mem[model.LAST_SPIN] = angle, rates.w[0]
     model.put(mem, model.LAST_POSITION, position)
     model.put(mem, model.LAST_VELOCITY, rates.v)
-    error = (
-        position[1] - mem[model.TARGET],
-        position[2] - mem[model.TARGET + 1],
-        mem[model.TARGET + 2] - m2,
-        mem[model.TARGET + 3] - m3,
-    )
+    error = _error(mem, position, m2, m3)
     _write(par, mem, out, position, angle, (m2, m3), rates, error)
     return Observed(body_a, body_b, nodes, a, b, f, rates, position[0], angle, error, flags)
 
@@ -169,6 +164,17 @@ def _integrates_otherwise(par: Array, mem: Array, a: Motion, b: Motion, h: float
     if model.output(par).semi_implicit:
         exact, other = other, exact
     return exact > LEAST_MISFIT and other < 1e-2 * exact
+
+
+@inline
+def _error(mem: Array, position: Vector, m2: float, m3: float) -> Four:
+    """Offsets and swings less their targets."""
+    return (
+        position[1] - mem[model.TARGET],
+        position[2] - mem[model.TARGET + 1],
+        mem[model.TARGET + 2] - m2,
+        mem[model.TARGET + 3] - m3,
+    )
 
 
 @inline
@@ -223,12 +229,7 @@ def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Arr
     position = into(f.axes, f.d)
     angle, m2, m3, _ = angles(_orientation(par, mem, nodes, a, b))
     angle, _ = unwrapped(angle, mem[model.LAST_ANGLE] - early * rates.w[0])
-    error = (
-        position[1] - mem[model.TARGET],
-        position[2] - mem[model.TARGET + 1],
-        mem[model.TARGET + 2] - m2,
-        mem[model.TARGET + 3] - m3,
-    )
+    error = _error(mem, position, m2, m3)
     _write(par, mem, out, position, angle, (m2, m3), rates, error)
 
 
