@@ -48,7 +48,7 @@ ROS = [
 FAST = ["numba>=0.59"]
 DEMO = [*FAST, "matplotlib>=3.8", "scipy>=1.11"]
 BENCH = [*DEMO, "mujoco>=3.1"]
-PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5"]
+PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; python_version < '3.12'"]
 TEST = [
     *BENCH,
     "colcon-common-extensions",

@@ -1,4 +1,4 @@
-"""Prepare .venv for `make demo` or `make test`: ROS 2 wheels, tools, this package (editable).
+"""Prepare .venv for `make demo`, `test` or `bench`: ROS 2 wheels, tools, this package (editable).
 
 Needs the network once. Later runs compare a fingerprint of what the build reads and do nothing, or
 build again offline. Standard library only.
@@ -25,7 +25,11 @@ PLACE = VENV / "place"  # written when the environment is complete
 LOG = VENV / "prepare.log"
 BUILD_FILES = ("CMakeLists.txt", "package.xml", "pyproject.toml", "setup.py")
 BUILD_FOLDERS = ("cmake", "config", "dashboards", "launch", "msg")
-EXTRAS = {"demo": ("demo",), "test": ("demo", "test")}  # what preparing for one also serves
+EXTRAS = {  # what preparing for one also serves
+    "demo": ("demo",),
+    "test": ("demo", "test"),
+    "bench": ("demo", "bench", "peers"),
+}
 
 
 class PrepareError(Exception):

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Pick a Python (PYTHON=... chooses) and let it prepare the local environment: prepare.sh demo|test
+# Pick a Python (PYTHON=... chooses) and let it prepare the local environment: prepare.sh demo|test|bench
 cd "$(dirname -- "$0")/.." || exit 1
 
 usable='import sys

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import importlib.util
 import json
 import math
-import os
-import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import Array, bundled
+from scenes import bundled
 
-from cylconn_ros.bench import cases, fronts, precision
+from cylconn_ros.bench import cases, fronts, kept, model, picture, precision, precision_text
 from cylconn_ros.bench.cases import CASES, PLACE
-from cylconn_ros.bench.errors import AbsentError, LeftOutError
 from cylconn_ros.bench.fronts import Point
-from cylconn_ros.bench.peers import process
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Stops
+from cylconn_ros.bench.peers.joint import Joint
 from cylconn_ros.bench.peers.registry import CONTESTANTS
-from cylconn_ros.bench.peers.task import Task, milder, package
-from cylconn_ros.bench.results import Findings, Measurement
+from cylconn_ros.bench.results import Findings, Gap, Measurement, Report, Setting
 from cylconn_ros.bench.work import COST
 from cylconn_ros.cli import main
 from cylconn_ros.connector.plant import Plant
@@ -36,29 +30,6 @@ INSTALLED = {
     if importlib.util.find_spec(PACKAGES.get(contestant.family, contestant.family))
 }
 """What the environment of the tests has; the others are to be said to be absent."""
-
-
-@functools.cache
-def truth_of(name: str) -> cases.Truth:
-    """The answer; some take seconds."""
-    case = CASES[name]
-    return case.answer(cases.scene_of(bundled, case), case.duration)
-
-
-def solved(name: str, contestant: str, value: float) -> Array:
-    case = CASES[name]
-    scene = cases.scene_of(bundled, case)
-    mild: cases.Truth = {}
-    if "calibrated" in contestant:
-        mild = case.answer(milder(scene), case.duration)
-    task = Task(name, scene, case.duration, value, mild)
-    return np.array(CONTESTANTS[contestant].prepare(task)()())
-
-
-def error(name: str, state: Array) -> float:
-    case = CASES[name]
-    scene = cases.scene_of(bundled, case)
-    return cases.errors(case, scene, truth_of(name), state)[PLACE][0]
 
 
 # --- what is measured of a state ---
@@ -118,117 +89,6 @@ def test_answers_that_are_worth_nothing_are_failures() -> None:
     assert "apart" in cases.failure(case, scene, cases.errors(case, scene, truth, state), state)
 
 
-# --- the law of a user's loop ---
-
-
-def test_the_loops_law_is_the_libraries() -> None:
-    law = Coulomb(bundled("demo"))
-    e = np.array([1.0, 2.0, 2.0]) / 3.0
-    across = np.cross(e, [0.0, 0.0, 1.0])
-    force, moment = 7.0 * e + 5.0 * across, 3.0 * e + 0.1 * across
-    size = float(np.linalg.norm(across))
-    expected = 0.2 * (5.0 * size + 2.0 / 0.08 * 0.1 * size + 4.0)
-    assert law.limit(force.tolist(), moment.tolist(), e.tolist()) == pytest.approx(expected)
-
-
-def test_a_brake_holds_or_slides_against_the_slip() -> None:
-    law = Coulomb(bundled("slide_and_spin"))
-    inverse = (0.5, 0.0, 2500.0)
-    f, m = law.brake(10.0, 1e-3, 0.0, (-1.0, 0.0), inverse, 1e-3)
-    assert f == pytest.approx(0.0, abs=1e-12), "it comes to rest by itself"
-    f, m = law.brake(0.5, 3.0, 200.0, (0.0, 0.0), inverse, 1e-3)
-    assert math.hypot(f, m / 0.02) == pytest.approx(0.5)
-    assert f / m == pytest.approx(3.0 / (0.02**2 * 200.0))
-
-
-def test_a_stop_sends_back() -> None:
-    stops = Stops(bundled("between_stops"), 0.02)
-    assert stops.bounced(0.05, 1.0) is None
-    assert np.array(stops.bounced(0.081, 1.0)) == pytest.approx([0.08, -0.8])
-    assert stops.bounced(0.081, -1.0) is None
-
-
-# --- contestants reach the answers ---
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_minimal_is_at_the_reference(name: str) -> None:
-    assert error(name, solved(name, "minimal", 1e-12)) < 3e-11
-
-
-@pytest.mark.parametrize("name", ["eccentric_rotor", "between_stops", "near_jam", "jam"])
-def test_impulse_in_the_compiled_loop_is_that_of_simulate(name: str) -> None:
-    case = CASES[name]
-    scene = dataclasses.replace(cases.scene_of(bundled, case), period=2e-3, method="impulse")
-    run = simulate(scene, round(case.duration / 2e-3))
-    np.testing.assert_allclose(solved(name, "impulse", 2e-3), run.plant.state, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", [n for n in CASES if n not in ("incline_stick", "jam")])
-def test_scipy_with_events_reaches_the_answer(name: str) -> None:
-    tolerance = 1e-6 if name == "hub_and_rotor" else 1e-9
-    assert error(name, solved(name, "SciPy DOP853", tolerance)) < 1e-7
-
-
-def test_regularised_scipy_creeps_and_cannot_jam() -> None:
-    loose, tight = (error("incline_stick", solved("incline_stick", "SciPy LSODA", t))
-                    for t in (1e-3, 1e-5))  # fmt: skip
-    assert 1e-6 < tight < 0.02 * loose
-    assert error("jam", solved("jam", "SciPy LSODA", 1e-6)) > 0.05
-
-
-LOOPS = [name for name, c in INSTALLED.items() if c.kind == "simulator" and "loop" in name]
-
-
-@pytest.mark.parametrize("contestant", LOOPS)
-@pytest.mark.parametrize("name", ["demo", "eccentric_rotor"])
-def test_every_simulators_loop_comes_near_the_answer(name: str, contestant: str) -> None:
-    """Set up wrongly (reaction, arm, radius, axis) it would be far off."""
-    found = error(name, solved(name, contestant, 1e-3))
-    assert found < (0.02 if name == "demo" else 0.005)
-
-
-def test_a_calibrated_coefficient_predicts_where_the_law_is_constant() -> None:
-    found = error("coast", solved("coast", "MuJoCo implicitfast, calibrated", 1e-3))
-    assert 1e-9 < found < 5e-4
-
-
-# --- processes ---
-
-
-def request(contestant: str, tmp_path: Path) -> dict[str, object]:
-    from cylconn_ros.connector import scene_file
-
-    file = tmp_path / "coast.yaml"
-    file.write_text(scene_file.dump(bundled("coast")))
-    return {
-        "contestant": contestant, "name": "coast", "scene": str(file), "duration": 0.5,
-        "value": 1e-2, "truth": {}, "repeat": 0,
-    }  # fmt: skip
-
-
-def test_a_process_answers_times_and_survives_its_end(tmp_path: Path) -> None:
-    with process.Process(60.0) as peer:
-        asked = request("SciPy DOP853", tmp_path)
-        answer = peer.ask(**asked)
-        assert len(answer["state"]) == 26
-        assert peer.ask(**{**asked, "repeat": 2})["cpu"] > 0.0
-        assert peer.ask(**{**asked, "contestant": "nobody"})["status"] == "failed"
-        assert peer._process is not None
-        os.kill(peer._process.pid, signal.SIGKILL)
-        assert peer.ask(**asked)["status"] == process.CRASHED
-        assert peer.ask(**asked)["state"] == answer["state"]
-        peer.patience = 1e-3
-        assert peer.ask(**{**asked, "repeat": 20})["status"] == process.TIMEOUT
-
-
-def test_absent_and_left_out_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(AbsentError, match=r"no_such_peer is not installed.*\[peers\]"):
-        package("no_such_peer.deep")
-    with pytest.raises(LeftOutError, match="evident"):
-        solved("jam", "SciPy DOP853", 1e-6)
-
-
 # --- fronts ---
 
 
@@ -285,7 +145,120 @@ def test_quick_precision_is_whole(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_gaps_that_are_everywhere_are_one() -> None:
-    from cylconn_ros.bench.results import Gap
-
     gaps = [Gap(name, "peer", "absent", "is not installed") for name in ("a", "b")]
     assert precision.merged(gaps) == [Gap("a, b", "peer", "absent", "is not installed")]
+
+
+# --- results kept, drawn and written ---
+
+
+def some() -> Report:
+    """A scene with an answer, a failure and a gap."""
+    found = Findings()
+    for name, value, cost, off, note in (
+        ("impulse", 1e-3, 1.0, 1e-5, ""),
+        ("impulse", 1e-4, 9.0, 1e-7, ""),
+        ("minimal", 1e-6, 0.1, 0.0, ""),
+        ("MuJoCo RK4, loop", 1e-3, 5.0, 2e-3, ""),
+        ("penalty", 1e-3, 0.5, math.nan, "blew up"),
+        ("Drake RK3, loop", 1e-3, 20.0, 1e-3, ""),
+    ):
+        knob: dict[str, Setting] = {CONTESTANTS[name].knob: value}
+        found.measurements += [
+            Measurement("demo", name, PLACE, off, "m", settings=knob, note=note),
+            Measurement("demo", name, COST, cost, "ms", settings=knob, note=note),
+        ]
+    found.targets = fronts.targets(found)
+    found.gaps = [Gap("demo", "PyBullet, loop", "absent", "pybullet is not installed")]
+    return Report("cylconn bench precision", {"quick": True}, found)
+
+
+def test_results_are_read_back_as_they_were_kept(tmp_path: Path) -> None:
+    whole = some()
+    file = tmp_path / "kept.json"
+    file.write_text(whole.json())
+    assert kept.read(file).json() == whole.json()
+    file.write_text('{"format": 1}')
+    with pytest.raises(ValueError, match="no results of a benchmark"):
+        kept.read(file)
+
+
+def test_a_budget_buys_the_least_error() -> None:
+    points = fronts.points(some().findings, "demo")
+
+    def cell(name: str, budget: float) -> str:
+        return precision_text.cell([p for p in points if p.contestant == name], budget)
+
+    assert cell("impulse", 1.0) == "1e-05"
+    assert cell("impulse", 10.0) == "1e-07"
+    assert cell("minimal", 1.0) == "exact"
+    assert cell("penalty", 1.0) == precision_text.FAILED
+    assert cell("Drake RK3, loop", 10.0) == precision_text.DEARER
+    assert cell("PyBullet, loop", 10.0) == precision_text.NONE
+    text = precision_text.body(some().findings)
+    assert "1 of 1: blew up" in text
+    assert "◆" in text
+
+
+def test_every_contestant_is_on_one_curve() -> None:
+    for name in CONTESTANTS:
+        assert len([curve for curve in picture.CURVES if curve.holds(name)]) == 1, name
+
+
+def test_kept_results_are_drawn_and_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, folder, text = tmp_path / "kept.json", tmp_path / "drawn", tmp_path / "page.md"
+    file.write_text(some().json())
+    text.write_text("<!-- cylconn bench precision -->\n<!-- end -->\n")
+    command = ["bench", "precision", "--from", str(file)]
+    assert main.main([*command, "--pictures", str(folder), "--document", str(text)]) == 0
+    assert (folder / "precision.png").read_bytes().startswith(b"\x89PNG")
+    svg = (folder / "precision.svg").read_text()
+    assert "unbalanced sleeve" in svg
+    assert "minimal" in svg
+    page = (folder / "precision.html").read_text()
+    embedded = json.loads(page.partition("const data = ")[2].partition(", off = new Set")[0])
+    assert embedded["scenes"][0]["rows"]["penalty"] == [[1e-3, 0.5, None, "blew up"]]
+    assert "http" not in page.replace("http://www.w3.org/2000/svg", ""), "no network"
+    assert "PyBullet" in text.read_text()
+    capsys.readouterr()
+    assert main.main(["bench", "model", "--from", str(file)]) == main.USAGE_ERROR
+    assert "holds results of cylconn bench precision" in capsys.readouterr().err
+    assert main.main(["bench", "model", "--pictures", str(folder)]) == main.USAGE_ERROR
+
+
+# --- lean and full model ---
+
+
+@pytest.mark.parametrize("name", ["coast", "between_stops", "dry_friction_oscillator", "demo"])
+def test_features_without_effect_have_none(name: str) -> None:
+    scenes = model.variants(cases.scene_of(bundled, CASES[name]))
+    assert model.FULL in scenes
+    ends = {key: simulate(scene, 300).states[-1, 13:] for key, scene in scenes.items()}
+    for key, end in ends.items():
+        if key == model.FULL or key.startswith(model.WITH):
+            np.testing.assert_allclose(end, ends[model.LEAN], rtol=0.0, atol=1e-9, err_msg=key)
+
+
+def test_features_left_out_are_missed() -> None:
+    scenes = model.variants(cases.scene_of(bundled, CASES["demo"]))
+    ends = {key: simulate(scene, 1000).states[-1, 13:16] for key, scene in scenes.items()}
+    for name in ("friction", "bending"):
+        off = np.abs(ends[model.WITHOUT + name] - ends[model.LEAN]).max()
+        assert off > 1e-3, name
+
+
+def test_a_pair_can_do_without_its_second_body() -> None:
+    scenes = model.variants(cases.scene_of(bundled, CASES["hub_and_rotor"]))
+    alone = scenes[model.WITHOUT + "second body"]
+    start = simulate(alone, 1)
+    assert start.state("velocity_violation")[0] < 1e-12
+    assert start.state("spin_violation")[0] < 1e-12
+
+
+def test_quick_model_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.main(["bench", "model", "--quick"]) == 0
+    printed = capsys.readouterr().out
+    for words in ("+ second body", "error of the full", "left out", "near_jam"):
+        assert words in printed
