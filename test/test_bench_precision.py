@@ -219,7 +219,7 @@ def test_kept_results_are_drawn_and_written(
     assert "minimal" in svg
     page = (folder / "precision.html").read_text()
     embedded = json.loads(page.partition("const data = ")[2].partition(", off = new Set")[0])
-    assert embedded["scenes"][0]["rows"]["penalty"] == [[1e-3, 0.5, None, "blew up"]]
+    assert embedded["scenes"][0]["rows"]["penalty"] == [[1e-3, 0.5, None, "blew up", None, None]]
     assert "http" not in page.replace("http://www.w3.org/2000/svg", ""), "no network"
     assert "PyBullet" in text.read_text()
     capsys.readouterr()

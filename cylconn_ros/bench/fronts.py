@@ -23,13 +23,18 @@ HUNDREDTH = 1e-2
 
 @dataclass(frozen=True)
 class Point:
-    """One set-up on one scene; ``failed`` says why its answer is worth nothing."""
+    """One set-up on one scene; ``failed`` says why its answer is worth nothing.
+
+    ``low``, ``high``: quartiles of the cost, NaN where it was taken once.
+    """
 
     contestant: str
     value: float
     cost: float
     error: float
     failed: str = ""
+    low: float = math.nan
+    high: float = math.nan
 
 
 def floor(problem: str) -> float:
@@ -45,8 +50,18 @@ def points(found: Findings, problem: str) -> list[Point]:
             value = float(next(iter(m.settings.values())))
             row = keyed.setdefault((m.contestant, value), {"failed": m.note})
             row[m.quantity] = m.value
+            if m.quantity == COST:
+                row["low"], row["high"] = m.low, m.high
     return [
-        Point(name, value, float(row[COST]), float(row[PLACE]), str(row["failed"]))
+        Point(
+            name,
+            value,
+            float(row[COST]),
+            float(row[PLACE]),
+            str(row["failed"]),
+            float(row["low"]),
+            float(row["high"]),
+        )
         for (name, value), row in keyed.items()
         if COST in row and PLACE in row
     ]

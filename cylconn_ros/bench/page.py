@@ -35,7 +35,11 @@ def data(report: Report) -> Mapping[str, Any]:
         rows: dict[str, list[list[Any]]] = {}
         for p in fronts.points(found, problem):
             rows.setdefault(p.contestant, []).append(
-                [_short(p.value), _short(p.cost), _short(p.error), p.failed]
+                [
+                    *map(_short, (p.value, p.cost, p.error)),
+                    p.failed,
+                    *map(_short, (p.low, p.high)),
+                ]
             )
         scenes.append(
             {
@@ -135,13 +139,16 @@ function draw() {
     for (const p of row) {
       if (!p[1]) continue;
       const x = s.x(p[1]), y = p[3] ? box.t - 12 : s.y(p[2]);
+      if (p[4] !== null) add(group, "line", { x1: s.x(p[4]), x2: s.x(p[5]), y1: y, y2: y,
+        stroke: look.color, "stroke-width": 2 });
       const mark = p[3]
         ? add(group, "path", { d: `M${x - 4},${y - 4}l8,8m0,-8l-8,8`, stroke: look.color,
             "stroke-width": 1.6, fill: "none" })
         : add(group, "circle", { cx: x, cy: y, r: look.ours ? 4.5 : 3.4, fill: look.color });
       mark.addEventListener("pointerenter", () => { at("tip").textContent =
         `${name} (${look.knob} ${p[0]}): ${p[3] ? "failed: " + p[3] + "; " : ""}` +
-        `error ${p[2] === null ? "none" : p[2] + " m"}, ${p[1]} ms a simulated second. ` +
+        `error ${p[2] === null ? "none" : p[2] + " m"}, ${p[1]} ms a simulated second` +
+        (p[4] === null ? ". " : ` (quartiles ${p[4]} to ${p[5]}). `) +
         look.about + "."; });
     }
   }

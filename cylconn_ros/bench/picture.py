@@ -76,7 +76,8 @@ _STYLE: dict[Any, Any] = {
 TITLE = (
     "Error of the whole motion against CPU time, both logarithmic: down and left is better. "
     "× failed.  ◆ friction depends on reactions that change.\n"
-    "A curve is the front of a family's set-ups; loops brake with the last step's reaction."
+    "A curve is the front of a family's set-ups, its bars the quartiles of CPU time; "
+    "loops brake with the last step's reaction."
 )
 
 
@@ -118,6 +119,9 @@ def _panel(axes: Axes, problem: str, points: Sequence[Point]) -> None:
     axes.set_title(
         case.title + (" ◆" if case.reactive else ""), loc="left", fontsize=9.5, color=INK
     )
+    axes.text(
+        0.995, 0.02, case.matters, transform=axes.transAxes, ha="right", fontsize=7, color=SOFT
+    )
     axes.grid(True, color="#E6E6E6", linewidth=0.5)
     costs = [p.cost for p in points if math.isfinite(p.cost) and p.cost > 0.0]
     low, high = min(costs, default=1e-3), max(costs, default=1.0)
@@ -140,6 +144,8 @@ def _panel(axes: Axes, problem: str, points: Sequence[Point]) -> None:
             x, y, curve.style, color=curve.color, linewidth=curve.width, marker="o",
             markersize=1.6 + 0.7 * curve.width, markeredgewidth=0.0, zorder=2.0 + curve.width,
         )  # fmt: skip
+        for p, height in zip(best, y, strict=True):
+            axes.plot([p.low, p.high], [height] * 2, color=curve.color, linewidth=0.9)
         labels.append((x[-1], y[-1], curve))
     _name(axes, labels)
 
