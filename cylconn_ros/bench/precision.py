@@ -191,10 +191,10 @@ def _measurements(case: Case, point: Point) -> list[Measurement]:
 
 def merged(gaps: Sequence[Gap]) -> list[Gap]:
     """One line for what is so everywhere."""
-    scenes: dict[tuple[str, str, str], list[str]] = {}
+    alike: dict[tuple[str, str, str], list[Gap]] = {}
     for gap in gaps:
-        scenes.setdefault((gap.contestant, gap.status, gap.reason), []).append(gap.problem)
+        alike.setdefault((gap.contestant, gap.status, gap.reason), []).append(gap)
     return [
-        dataclasses.replace(Gap(", ".join(where), contestant, "absent", reason), status=status)  # type: ignore[arg-type]
-        for (contestant, status, reason), where in scenes.items()
+        dataclasses.replace(group[0], problem=", ".join(gap.problem for gap in group))
+        for group in alike.values()
     ]

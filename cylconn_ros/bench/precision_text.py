@@ -8,7 +8,7 @@ from cylconn_ros.bench import fronts, report
 from cylconn_ros.bench.cases import CASES
 from cylconn_ros.bench.fronts import Point
 from cylconn_ros.bench.peers.registry import CONTESTANTS
-from cylconn_ros.bench.results import Findings, Gap
+from cylconn_ros.bench.results import Findings
 
 BUDGETS = (1.0, 10.0)  # ms of CPU per simulated second
 FAILED, DEARER, NONE = "✗", "–", ""
@@ -66,29 +66,20 @@ def cell(own: Sequence[Point], budget: float) -> str:
     return DEARER
 
 
-def failures(found: Findings) -> list[Gap]:
-    """What failed, set-up by set-up, in one line each: how many of its points, and why."""
-    lines = []
+def failed(found: Findings) -> str:
+    """What failed, a row a set-up on a scene: how many of its points, and how."""
+    rows = []
     for problem in dict.fromkeys(m.problem for m in found.measurements):
         every = fronts.points(found, problem)
         for name in dict.fromkeys(p.contestant for p in every if p.failed):
             own = [p for p in every if p.contestant == name]
             lost = [p for p in own if p.failed]
             reasons = "; ".join(dict.fromkeys(p.failed for p in lost))
-            text = f"{len(lost)} of {len(own)}: {reasons}"
-            lines.append(Gap(problem, name, "left out", text))
-    return lines
-
-
-def failed(found: Findings) -> str:
-    """The failures as a table."""
-    rows = [(gap.problem, gap.contestant, gap.reason) for gap in failures(found)]
-    return report.table(("scene", "set-up", "points that failed, and how"), rows)
+            rows.append((problem, name, f"{len(lost)} of {len(own)}", reasons))
+    head = ("scene", "set-up", "points that failed", "how")
+    return report.table(head, rows) if rows else ""
 
 
 def body(found: Findings) -> str:
     """All tables but the targets."""
-    parts = [tables(found)]
-    if failures(found):
-        parts.append(failed(found))
-    return "\n\n".join(parts)
+    return "\n\n".join(filter(None, [tables(found), failed(found)]))
