@@ -223,7 +223,7 @@ def _demo(scene: Scene, end: float) -> Truth:
 CLOSED = "closed form"
 REDUCED = "reduced equations, DOP853 to 1e-12"
 NEWTON = "Newton-Euler with multipliers, DOP853 to 1e-12"
-WAY = "slide, and spin at the radius"
+WAY = "slide and spin"
 CASES = {
     case.name: case
     for case in (

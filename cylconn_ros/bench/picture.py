@@ -120,7 +120,7 @@ def _panel(axes: Axes, problem: str, points: Sequence[Point]) -> None:
         case.title + (" ◆" if case.reactive else ""), loc="left", fontsize=9.5, color=INK
     )
     axes.text(
-        0.995, 0.02, case.matters, transform=axes.transAxes, ha="right", fontsize=7, color=SOFT
+        1.0, 1.025, case.matters, transform=axes.transAxes, ha="right", fontsize=7.5, color=SOFT
     )
     axes.grid(True, color="#E6E6E6", linewidth=0.5)
     costs = [p.cost for p in points if math.isfinite(p.cost) and p.cost > 0.0]
