@@ -272,11 +272,13 @@ def test_markers_on_request(connector, peer):
         for k in range(1, 4):
             listener.answer(source, k * MS, position=(0.2, 0.0, 0.0))
         peer.spin_until(lambda: pictures)
-        shaft, sleeve, force = pictures[-1].markers
+        shaft, sleeve, force, stripe = pictures[-1].markers
         assert shaft.header.frame_id == "world"
         assert sleeve.pose.position.x == pytest.approx(0.2)
         start, tip = force.points
         assert (tip.z - start.z) == pytest.approx(0.2)  # the weight is held up
+        assert (stripe.pose.position.x, stripe.pose.position.z) == (pytest.approx(0.2), 0.0)
+        assert stripe.pose.position.y > 0.0  # on the sleeve's surface
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -1,4 +1,4 @@
-"""Pictures of the connector for RViz: the shaft, the sleeve and the force between them."""
+"""Pictures of the connector for RViz and Foxglove: shaft, sleeve and the force between them."""
 
 from __future__ import annotations
 
@@ -57,6 +57,7 @@ class Markers:
             self._cylinder(0, start + 0.5 * (low + high) * axes[0], orientation, high - low, 1.0),
             self._cylinder(1, sleeve, orientation, self._overlap, 1.6),
             self._arrow(2, sleeve, tip, int(out[layout.REGIME])),
+            self._stripe(3, sleeve, axes, orientation, float(out[layout.ANGLE])),
         ]
         seconds, nanoseconds = divmod(stamp, 1_000_000_000)
         for marker in markers:
@@ -77,6 +78,24 @@ class Markers:
         marker.scale.z = length
         grey = 0.5 if number == 0 else 0.8
         marker.color = ColorRGBA(r=grey, g=grey, b=grey, a=1.0 if number == 0 else 0.5)
+        return marker
+
+    def _stripe(
+        self,
+        number: int,
+        sleeve: np.ndarray,
+        axes: list[np.ndarray],
+        orientation: list[float],
+        angle: float,
+    ) -> Marker:
+        """A bar along the sleeve's surface, by which its spin is seen."""
+        marker = Marker(id=number, type=Marker.CUBE)
+        outside = math.cos(angle) * axes[1] + math.sin(angle) * axes[2]
+        turned = _product(orientation, (math.sin(angle / 2), 0.0, 0.0, math.cos(angle / 2)))
+        _set_pose(marker.pose, sleeve + 1.6 * self._radius * outside, turned)
+        marker.scale.x = self._overlap
+        marker.scale.y, marker.scale.z = 0.2 * self._radius, 0.3 * self._radius
+        marker.color = ColorRGBA(r=0.2, g=0.2, b=0.2, a=1.0)
         return marker
 
     def _arrow(self, number: int, start: np.ndarray, tip: np.ndarray, regime: int) -> Marker:

@@ -103,15 +103,20 @@ class Scene {
     };
   }
 
+  // Length of the pieces that the shaft is drawn in: short, as what is in front is told by their middles.
+  piece() {
+    return (this.follow ? this.near / this.zoom : this.far) / 60;
+  }
+
   faces(origin, axes, length, y, z, angle) {
     const { radius, overlap, stops } = this.link.run.geometry;
     const sleeve = add(origin, add(scaled(axes[1], y), scaled(axes[2], z)));
     const inner = 1.02 * radius, outer = 1.75 * radius;
     const [a, b] = [length - overlap / 2, length + overlap / 2];
-    const step = this.follow ? 0.5 * overlap : (this.slot[1] - this.slot[0]) / 40;
+    const step = this.piece();
     const seen = this.follow ? 1.2 * this.near / this.zoom : Infinity;
     const from = Math.max(this.slot[0], length - seen), to = Math.min(this.slot[1], length + seen);
-    const pieces = Math.min(80, Math.max(4, Math.ceil((to - from) / step)));
+    const pieces = Math.max(4, Math.ceil((to - from) / step));
     const striped = (side) => (side < 3 ? "mark" : "sleeve");
     const plain = (name) => () => name;
     const faces = [
@@ -144,7 +149,8 @@ class Scene {
     return values.filter((at) => Math.abs(at - length) > overlap / 2).map((at) => {
       const centre = add(origin, scaled(axes[0], at));
       const place = (normal) => (dot(normal, camera.back) < 0 ? null : camera.project(add(centre, scaled(normal, radius))));
-      return { line: rim.map(place), depth: camera.project(centre)[2] + 1.05 * radius };
+      const before = 1.05 * radius + 0.6 * this.piece() * Math.abs(dot(axes[0], camera.back));
+      return { line: rim.map(place), depth: camera.project(centre)[2] + before };
     });
   }
 
