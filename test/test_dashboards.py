@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from cylconn_ros.cli.processes import private_environment
 from cylconn_ros.recording.interfaces import interface
 from cylconn_ros.recording.schema import parse
 from cylconn_ros.ros.answering import POSE
@@ -137,3 +141,39 @@ def test_plotjuggler_splits_add_up() -> None:
 def test_a_wrong_path_is_seen(topic: str, steps: list[str], why: str) -> None:
     with pytest.raises(AssertionError, match=re.escape(why)):
         check(topic, steps)
+
+
+# The page that leads there
+
+GUIDE = (ROOT / "docs" / "dashboards.md").read_text()
+
+
+def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
+    blocks = re.findall(r"^```sh\n(.*?)^```", GUIDE, re.DOTALL | re.MULTILINE)
+    assert len(blocks) == 3
+    environment = {
+        **private_environment(),
+        "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
+    }
+    done = subprocess.run(
+        ["bash", "-euc", "\n".join(blocks)],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=500,
+    )
+    assert done.returncode == 0, done.stdout
+    for name in ("drawer", "connector", "again"):
+        assert "every sample" in done.stdout
+        assert (tmp_path / f"{name}.html").stat().st_size > 50_000, done.stdout
+    assert "friction.coefficient: 0.15" in (tmp_path / "again.html").read_text()
+
+
+def test_the_guide_names_what_there_is() -> None:
+    for target in re.findall(r"\]\(([^)#]+)", GUIDE):
+        assert (ROOT / "docs" / target).exists(), target
+    for name in re.findall(r"dashboards/(\w+\.\w+)", GUIDE):
+        assert (ROOT / "dashboards" / name).is_file(), name
+    assert (ROOT / "docs" / "pictures" / "report.png").stat().st_size < 200_000

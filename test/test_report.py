@@ -205,10 +205,10 @@ def test_what_is_wrong_with_the_samples_is_said(run: Run) -> None:
     found = gather.gather(broken)
     said = " ".join(found.notes)
     assert "not whole: the end is missing" in said
-    assert "3 states could not be decoded" in said
-    assert "1 samples whose stamps repeat" in said
-    assert "1 gaps without samples, 0.051 s" in said
-    assert "1 fields hold values that are not finite" in said
+    assert "could not be decoded: states 3." in said
+    assert "stamps repeat or go back: samples 1." in said
+    assert "Gaps without samples: 1, 0.051 s" in said
+    assert "not finite, left blank there: 1." in said
     assert np.flatnonzero(found.gaps).tolist() == [99]
     head, numbers = payload.build(found)
     (normal,) = Packed(head, numbers).curve("normal", "FN")
@@ -297,6 +297,11 @@ def test_the_command_says_what_it_wrote(
     text = output.read_text()
     assert "<title>The last &lt;metre&gt;</title>" in text
     assert "friction.coefficient: 0.2" in text
+    assert (
+        main(["report", str(Path(__file__).parent.parent / "bags" / "lossy"), "-o", str(output)])
+        == 0
+    )
+    assert "repeat or go back: samples 1." in capsys.readouterr().out
     assert main(["report", str(recording), "-o", str(tmp_path / "r.pdf")]) == 2
     assert main(["report", str(recording), "-o", str(tmp_path / "no" / "r.html")]) == 2
     assert "No such file or directory" in capsys.readouterr().err

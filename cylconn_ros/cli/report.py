@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page; 1 if the recording is not whole or a sample was refused."""
+    """Write the page; 1 if the recording is not whole or holds states that cannot be decoded."""
     recorded = read_run(options.recording)
     name = options.recording.resolve().with_suffix("").name
     output = options.output or Path(f"{name}.html")
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"report      {output}  ({len(text) / 1e6:.1f} MB; {results.samples} samples: {shown})")
     for note in found.notes:
         print(f"note        {note}")
-    return 0 if recorded.incomplete is None and not results.refused else 1
+    return 0 if recorded.incomplete is None and not recorded.state.undecodable else 1
 
 
 def facts(found: Results, recorded: Run) -> list[Fact]:

@@ -53,7 +53,7 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
         raise RecordingError(f"{run.path}: no state was recorded")
     notes = [f"The recording is not whole: {run.incomplete}."] if run.incomplete else []
     if table.undecodable:
-        notes.append(f"{table.undecodable} states could not be decoded and are left out.")
+        notes.append(f"Left out, as they could not be decoded: states {table.undecodable}.")
     rows, time = _in_order(table, notes)
     within = (time >= start) & (time <= end)
     if not within.any():
@@ -70,13 +70,13 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
         not bool(np.isfinite(v).all(axis=tuple(range(1, v.ndim))).all()) for v in fields.values()
     )
     if bad:
-        notes.append(f"{bad} fields hold values that are not finite; they are left blank.")
+        notes.append(f"Fields with values that are not finite, left blank there: {bad}.")
     states = States(fields, _number(run, "friction.radius"), _number(run, "friction.preload"))
     step = np.diff(time, prepend=time[0])
     gaps = step > _GAP * max(float(np.median(step[1:])) if len(step) > 1 else 0.0, 1e-9)
     if gaps.any():
         notes.append(
-            f"{int(gaps.sum())} gaps without samples, {step[gaps].sum():.6g} s in all; "
+            f"Gaps without samples: {int(gaps.sum())}, {step[gaps].sum():.6g} s in all; "
             "curves are interrupted there."
         )
     stamp = table.stamp[rows]
@@ -91,7 +91,7 @@ def _in_order(table: Table, notes: list[str]) -> tuple[Array, Array]:
     rows = np.flatnonzero(np.concatenate(([True], stamp[1:] > latest[:-1])))
     left = len(stamp) - len(rows)
     if left:
-        notes.append(f"{left} samples whose stamps repeat or go back are left out.")
+        notes.append(f"Left out, as their stamps repeat or go back: samples {left}.")
     return rows, (stamp[rows] - stamp[rows[0]]) * 1e-9
 
 

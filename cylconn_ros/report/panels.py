@@ -212,8 +212,8 @@ def chosen(states: States) -> tuple[list[Panel], list[str]]:
         if panel.key == ("rate" if math.isfinite(states.radius) else ""):
             continue  # the spin is in the slip velocity
         curves = tuple(curve for curve in panel.curves if _tells(curve, states))
-        if panel.key == "coefficient" and _constant(states("friction_coefficient")):
-            curves = ()  # said among the parameters
+        if panel.key == "coefficient" and _constant(states):
+            continue  # said among the parameters
         if panel.key == "speed" and len(curves) == 1:
             panel = replace(panel, title="Speed in the slot")
         if [curve.label for curve in curves] == ["total"]:
@@ -231,6 +231,8 @@ def _tells(curve: Curve, states: States) -> bool:
     return bool(len(finite)) and (curve.always or bool(np.any(finite != 0.0)))
 
 
-def _constant(values: Array) -> bool:
-    finite = values[np.isfinite(values)]
+def _constant(states: States) -> bool:
+    """Whether the coefficient of friction never changes, but for samples that were refused."""
+    mu = states("friction_coefficient")[states("status") == 0.0]
+    finite = mu[np.isfinite(mu)]
     return not len(finite) or bool(np.ptp(finite) <= 1e-9 * np.abs(finite).max())

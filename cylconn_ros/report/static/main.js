@@ -146,7 +146,12 @@ function controls({ link, all }) {
   };
   document.getElementById("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme !== "dark"));
   system.addEventListener("change", () => theme(system.matches));
-  new ResizeObserver(later(draw)).observe(document.getElementById("plots"));
+  let width = document.documentElement.clientWidth;
+  window.addEventListener("resize", () => {
+    if (width === document.documentElement.clientWidth) return;
+    width = document.documentElement.clientWidth;
+    later(draw)();
+  });
   link.setCursor(link.run.begin + 0.35 * (link.run.end - link.run.begin));
   theme(system.matches);
 }

@@ -71,7 +71,7 @@ class Plane {
     const [from, to] = this.rows();
     const colours = [palette["none-strong"], palette["stick-strong"], palette["slip-strong"]];
     context.lineWidth = 1.3;
-    context.lineJoin = "round";
+    context.lineJoin = "bevel";
     let k = from;
     while (k <= to) {
       const regime = run.path.regime[k];
@@ -79,7 +79,8 @@ class Plane {
       context.beginPath();
       context.moveTo(this.px(this.x[k]), this.py(this.y[k]));
       context.lineTo(this.px(this.x[k]) + 0.01, this.py(this.y[k]));
-      while (k <= to && run.path.regime[k] === regime) {
+      const pause = k + 300; // one stroke of many thousand points is slow where they cross each other
+      while (k <= to && k < pause && run.path.regime[k] === regime) {
         context.lineTo(this.px(this.x[k]), this.py(this.y[k]));
         k += 1;
       }
