@@ -19,6 +19,7 @@ FLOORS = {
     "recording": 3,
     "reference": 3,
     "bench": 4,
+    "identify": 4,
     "plots": 4,
     "report": 4,
     "laws": 4,

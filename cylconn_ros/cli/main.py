@@ -20,6 +20,7 @@ COMMANDS = {
     "info": "show what is in a recorded run",
     "report": "make one page of a recorded run: plots, friction disc, 3-D view, summary",
     "salvage": "give back what is left of a run that was never closed",
+    "identify": "estimate friction from a recording of a joint",
     "laws": "check the laws of the step from outside, on random states or a recorded run",
     "bench": "measure speed and accuracy, beside others'",
 }

@@ -1,0 +1,1 @@
+"""What a measured motion tells about the friction of its joint."""
