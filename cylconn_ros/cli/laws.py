@@ -57,11 +57,11 @@ def run(options: argparse.Namespace) -> int:
     begin = time.monotonic()
     if options.recording is not None:
         return _recorded(options)
-    from cylconn_ros.laws import checks
+    from cylconn_ros.laws.claims import CLAIMS
     from cylconn_ros.laws.tally import Tally
 
-    if options.method not in checks.CLAIMED:
-        known = ", ".join(checks.CLAIMED)
+    if options.method not in CLAIMS:
+        known = ", ".join(CLAIMS)
         raise CommandError(f"--method {options.method}: laws are stated for {known}")
     tally, fits = Tally(), []
     with Progress("laws") as bar:
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"method {options.method}: {drawn}\n")
     print("\n".join([*_laws(tally), *_regimes(tally), *_roots(verdict), *_orders(fits)]))
     off = [letter for letter, law in tally.laws.items() if not law.holds]
-    off += ["roots"] if verdict is not None and verdict.wrong else []
+    off += ["roots"] if verdict is not None and verdict.wrong + verdict.flag else []
     off += ["O"] if not all(fit.holds for fit in fits) else []
     few = tally.scarce() if tally.samples >= _ENOUGH else []
     if few:
@@ -115,7 +115,7 @@ def _drawn(options: argparse.Namespace, numbers: range) -> Iterator:
 
 
 def _laws(tally: Tally) -> list[str]:
-    from cylconn_ros.laws.checks import TITLES
+    from cylconn_ros.laws.claims import TITLES
 
     lines = [f"{'law':<15}{'samples':>10}{'worst':>11}{'beyond 1e-12':>14}  scene/start/place"]
     for letter, title in TITLES.items():
@@ -142,7 +142,8 @@ def _roots(verdict: Verdict | None) -> list[str]:
         "",
         f"all roots by brute force: {verdict.judged} of {verdict.samples} samples, "
         f"{verdict.several} with several, {verdict.unsure} that hang on rounding",
-        f"answers other than the rule names: {verdict.wrong}",
+        f"answers other than the rule names: {verdict.wrong}; "
+        f"flag SEVERAL_ROOTS not as the message says: {verdict.flag}",
     ]
     return lines + [f"  at {where}" for where in verdict.where]
 
@@ -179,13 +180,14 @@ def _next(
 def _recorded(options: argparse.Namespace) -> int:
     """Check the samples of a recorded run."""
     from cylconn_ros.laws import checks
+    from cylconn_ros.laws.claims import CLAIMS
     from cylconn_ros.laws.recorded import samples_of
     from cylconn_ros.laws.tally import Tally
     from cylconn_ros.recording.reader import read_run
 
     tally = Tally()
     recorded = samples_of(read_run(options.recording))
-    if recorded.method not in checks.CLAIMED:
+    if recorded.method not in CLAIMS:
         raise CommandError(f"{options.recording}: no laws are stated for method {recorded.method}")
     with Progress("laws") as bar:
         for done, (block, index) in enumerate(recorded.blocks()):

@@ -28,7 +28,8 @@ from cylconn_ros.laws.parameters import Bools, Parameters, Rows
 from cylconn_ros.laws.step import AVAILABLE
 
 Array = NDArray[np.float64]
-TIE = 1e-9  # a decision that hangs on less than this is the answer's own
+TIE = 1e-13  # a decision that hangs on less than this is the answer's own
+STILL = 1e-9  # whether a rate that is less moves towards a stop is not asked
 
 
 @dataclasses.dataclass
@@ -69,7 +70,7 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
     pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
     eps = coefficient[:, None]
     impact = np.zeros_like(w)
-    doubt = np.zeros_like(past.unsure)
+    doubt, ties = np.zeros_like(past.unsure), np.zeros(w.shape, dtype=np.bool_)
     limits, sizes = [], []
     for side, number in ((-1.0, 0), (1.0, 1)):
         stop = p.stops[:, :, number]
@@ -82,10 +83,11 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         reach = np.where(p.explicit, 1.0, 1.5)[:, None] * h * rate
         near = np.abs(gap + reach) < TIE * (gap_size + h * w_size)
         begins = there & (rate < 0.0) & (p.restitution[:, None] > 0.0) & (eps > 0.0)
+        ties |= begins & near
         begins &= near | (gap + reach < 0.0)
         doubt |= past.unsure & begins.any(axis=1)
         begins &= (past.pending == 0.0) & (impact == 0.0)
-        still = there & (np.abs(rate) <= TIE * w_size) & (eps > 0.0)
+        still = there & (np.abs(rate) <= STILL * w_size) & (eps > 0.0)
         doubt |= (still & (gap < TIE * gap_size)).any(axis=1)
         time = np.maximum(-gap / np.where(begins, h * rate, -1.0), 0.5)
         first = rate * (time - 0.5 - eps * (1.5 - time))
@@ -101,6 +103,8 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         sizes.append(np.where(there, size, 0.0))
     # while one impact has its second step to come, another may begin without a coefficient
     told = (past.pending != 0.0).any(axis=1) & (coefficient == past.bounce)
+    surely = ((impact != 0.0) & ~ties) | (past.pending != 0.0)
+    doubt |= ties.any(axis=1) & surely.any(axis=1)  # whose coefficient it is
     doubt |= told & (impact != 0.0).any(axis=1)
     low, high = limits
     low_size, high_size = sizes

@@ -7,41 +7,23 @@ nothing about this sample.
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.laws.balance import balance, parts, pressed, sums
+from cylconn_ros.laws.balance import balance, driven, parts, sums
+from cylconn_ros.laws.by_sample import multiplied, regularised, springs
+from cylconn_ros.laws.claims import claimed
 from cylconn_ros.laws.observed import Observed, observe
 from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.laws.residual import Block, ratio, worst
-from cylconn_ros.laws.slip import friction_laws, friction_of_sample
+from cylconn_ros.laws.slip import friction_laws
 from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, by_wrench, reaction_size
 from cylconn_ros.laws.stops import bounds_of, stops
 
 Array = NDArray[np.float64]
-
-TITLES = {
-    "C": "constraint",
-    "D": "disc",
-    "S": "slip",
-    "K": "stick",
-    "E": "dissipation",
-    "T": "turning",
-    "U": "stops",
-    "A": "balance",
-    "O": "order",
-}
-CLAIMED = {
-    "impulse": "CDSKETUA",
-    "baumgarte": "DEA",
-    "penalty": "DA",
-    "augmented_lagrangian": "DA",
-}
-"""Laws that hold sample by sample, by method. The stick of penalty methods is a spring: it gives
-back what it took, so that E is a matter of sums there (passivity_balance)."""
 
 
 def check(block: Block, method: str = "impulse") -> dict[str, Array]:
@@ -49,10 +31,10 @@ def check(block: Block, method: str = "impulse") -> dict[str, Array]:
     p = block.parameters
     o = observe(p, block.sample, block.past)
     s = begin(p, o, block.sample)
-    found = _of_step(block, o, s) if method == "impulse" else _of_sample(block, o, s)
+    found = LAWS[method](block, o, s)
     usable = np.all(np.isfinite(block.out), axis=1) & (block.out[:, layout.STATUS] == 0)
     found["A"] = np.maximum(found["A"], np.where(usable, 0.0, np.inf))
-    return {letter: found[letter] for letter in CLAIMED[method]}
+    return {letter: found[letter] for letter in claimed(method)}
 
 
 def _of_step(block: Block, o: Observed, s: Step) -> dict[str, Array]:
@@ -73,14 +55,27 @@ def _of_step(block: Block, o: Observed, s: Step) -> dict[str, Array]:
     }
 
 
-def _of_sample(block: Block, o: Observed, s: Step) -> dict[str, Array]:
-    """A wrench of the sample's own instant: it acts in q, against the sample's slip velocity."""
+def _of_mean(block: Block, o: Observed, s: Step) -> dict[str, Array]:
+    """minimal: a mean over the period, or impulse's answer where bounds hold slide or spin."""
     p, out = block.parameters, block.out
-    here = dataclasses.replace(s, frame=o.frame)
-    return {
-        **friction_of_sample(block, o),
-        "A": np.maximum(balance(p, o, here, out), np.maximum(sums(out), pressed(p, out))),
-    }
+    found = _of_step(block, o, s)
+    b = bounds_of(block, o)
+    held = b.held(out).any(axis=1) | (out[:, layout.RESTITUTION] > 0.0)
+    for letter in "DSETU":
+        asked = held & ~(o.holding & (letter in "ST"))  # the place that stick holds is its own
+        found[letter] = np.where(asked, found[letter], np.nan)
+    balanced = [balance(p, o, s, out), sums(out), driven(p, out)]
+    found["A"] = np.asarray(np.max(balanced, axis=0))
+    return found
+
+
+LAWS: dict[str, Callable[[Block, Observed, Step], dict[str, Array]]] = {
+    "impulse": _of_step,
+    "minimal": _of_mean,
+    "baumgarte": regularised,
+    "penalty": springs,
+    "augmented_lagrangian": multiplied,
+}
 
 
 def wrench_size(p: Parameters, o: Observed, s: Step, out: Array, end: Array) -> Array:

@@ -38,6 +38,8 @@ class History(Rows):
     lock_last: Array  # (n,) where the component that may lock was
     total: Array  # (n, 2) f1, m1 of the last answer
     imposed_at: Array  # (n, 2) where imposed motions have got to
+    elastic: Array  # (n, 2) the elastic slip of a penalty method's stick, and its size
+    elastic_size: Array
 
 
 def no_history(n: int) -> History:
@@ -61,6 +63,8 @@ def no_history(n: int) -> History:
         lock_last=np.zeros(n),
         total=np.zeros((n, 2)),
         imposed_at=np.zeros((n, 2)),
+        elastic=np.zeros((n, 2)),
+        elastic_size=np.zeros((n, 2)),
     )
 
 

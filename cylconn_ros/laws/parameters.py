@@ -80,6 +80,8 @@ class Parameters(Rows):
     lock: NDArray[np.intp]  # (n,) which component locks; -1: none
     lock_position: Array  # NaN: no such criterion
     lock_force: Array
+    gains: Array  # (n, 6) k, kr, c, cr of penalty's constraint, ks, cs of its stick; NaN: none
+    feedback: Array  # (n, 2) baumgarte's alpha, beta
     command: Array  # (n, 2, 3) of slide, of spin: position, velocity, force; NaN: not imposed
 
     @property
@@ -153,6 +155,8 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         lock=np.array([("none", "slide", "spin").index(s.lock.component) - 1 for s in scenes]),
         lock_position=_column([s.lock.position for s in scenes]),
         lock_force=_column([s.lock.force for s in scenes]),
+        gains=_column([_gains(s) for s in scenes]),
+        feedback=_column([_feedback(s) for s in scenes]),
         command=np.array([_command(s) for s in scenes]),
     )
 
@@ -164,6 +168,32 @@ def _stops(scene: Scene) -> list[list[float]]:
         [-math.inf if math.isnan(low) else low, math.inf if math.isnan(high) else high]
         for low, high in pairs
     ]
+
+
+def _gains(scene: Scene) -> tuple[float, ...]:
+    """Of penalty and augmented_lagrangian, with their defaults (docs/parameters.md)."""
+    given, friction = scene.penalty, scene.friction
+    radius = 0.0 if math.isnan(friction.radius) else friction.radius
+    arm = max(0.5 * friction.overlap, radius)
+    swing = _or(given.rotational_stiffness, given.stiffness * arm**2)
+    share = swing / given.stiffness if given.stiffness > 0.0 else math.nan
+    swing_damping = _or(given.rotational_damping, given.damping * share)
+    stick = given.stiffness
+    greatest = max(friction.coefficient, _or(friction.static_coefficient, 0.0))
+    if friction.preload != 0.0 and greatest > 0.0 and not math.isnan(given.elastic_slip):
+        stick = greatest * abs(friction.preload) / given.elastic_slip
+    stick = _or(given.stick_stiffness, stick)
+    damper = given.damping * stick / given.stiffness if given.stiffness > 0.0 else math.nan
+    return given.stiffness, swing, given.damping, swing_damping, stick, damper
+
+
+def _feedback(scene: Scene) -> tuple[float, float]:
+    own = 0.2 / scene.period if scene.period > 0.0 else math.nan
+    return _or(scene.baumgarte.alpha, own), _or(scene.baumgarte.beta, own)
+
+
+def _or(given: float, otherwise: float) -> float:
+    return otherwise if math.isnan(given) else given
 
 
 def _command(scene: Scene) -> list[list[float]]:

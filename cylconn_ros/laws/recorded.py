@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
+from cylconn_ros.laws import elastic
 from cylconn_ros.laws.bounds import after, bounds
 from cylconn_ros.laws.observed import History, no_history, observe, remember
 from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
@@ -83,7 +84,21 @@ def _history(p: Parameters, one: Parameters, sample: Array, out: Array) -> Histo
         past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else place[k]
         if past.stuck[k] > 1.0 and past.stuck[k - 1] == 1.0:
             past.held[k] = place[k - 1]
+    if not np.isnan(one.gains[0, 4]):
+        _stretched(p, sample, out, past)
     return _bounded(p, sample, out, past) if one.bounded[0] else past
+
+
+def _stretched(p: Parameters, sample: Array, out: Array, past: History) -> None:
+    """Put the elastic slip of a penalty method's stick into ``past``."""
+    o = observe(p, sample, past)
+    last = past.take(np.zeros(1, dtype=np.intp))
+    for k in range(len(sample)):
+        past.elastic[k], past.elastic_size[k] = last.elastic[0], last.elastic_size[0]
+        row = np.array([k])
+        here = past.take(row)
+        d, size = elastic.after(p.take(row), o.take(row), here, out[row])
+        last = dataclasses.replace(here, elastic=d, elastic_size=size)
 
 
 def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History:

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.bounds import stop_sides
+from cylconn_ros.laws.bounds import Bounds, stop_sides
 from cylconn_ros.laws.friction import contact, limit
-from cylconn_ros.laws.observed import observe
-from cylconn_ros.laws.parameters import Bools, Rows, Table
+from cylconn_ros.laws.observed import Observed, observe
+from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
 from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.residual import Block
-from cylconn_ros.laws.step import begin
+from cylconn_ros.laws.step import Step, begin
 from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
@@ -44,6 +44,7 @@ class Found:
     wrong: Bools
     unsure: Bools
     several: Bools  # more than one solution
+    flag: Bools  # SEVERAL_ROOTS is not as it should be
 
 
 @dataclasses.dataclass
@@ -55,6 +56,7 @@ class Verdict:
     wrong: int = 0
     unsure: int = 0
     several: int = 0
+    flag: int = 0
     where: list[str] = dataclasses.field(default_factory=list)
 
     def add(self, found: Found, *columns: NDArray[np.intp]) -> None:
@@ -64,7 +66,8 @@ class Verdict:
         self.wrong += int(found.wrong.sum())
         self.unsure += int(found.unsure.sum())
         self.several += int(found.several.sum())
-        for row in np.flatnonzero(found.wrong)[: 5 - len(self.where)]:
+        self.flag += int(found.flag.sum())
+        for row in np.flatnonzero(found.wrong | found.flag)[: 5 - len(self.where)]:
             self.where.append("/".join(str(int(column[row])) for column in columns))
 
 
@@ -92,13 +95,16 @@ class Curve(Rows):
         q, p = self.problem, self.problem.parameters
         phi = self.phi(r)
         size = rigid.norm(phi)
-        force = q.base + rigid.out_of(q.by, phi)
-        none = np.zeros(len(r))
-        normal = contact(
-            p, np.column_stack([none, force[:, :2]]), np.column_stack([none, force[:, 2:]])
-        )[3]
-        found = limit(p, tables, r * size, normal) / size - 1.0
+        found = limit(p, tables, r * size, contact_at(q, phi)) / size - 1.0
         return np.asarray(np.where(self.endless & (r == 0.0), -1.0, found))
+
+
+def contact_at(q: Problem, phi: Array) -> Array:
+    """(n,) FN."""
+    force, none = q.base + rigid.out_of(q.by, phi), np.zeros(len(phi))
+    return contact(
+        q.parameters, np.column_stack([none, force[:, :2]]), np.column_stack([none, force[:, 2:]])
+    )[3]
 
 
 def curve_of(q: Problem, theta: float) -> Curve:
@@ -146,6 +152,28 @@ def first_root(c: Curve, tables: Sequence[Table]) -> tuple[Array, Array, Array]:
     root = np.where(any_change, np.exp(high), 0.0)
     root = np.where(dip_root > 0.0, dip_root, root)
     return root, changes.sum(axis=0) + 2 * (dip_root > 0.0), miss
+
+
+def last_root(c: Curve, tables: Sequence[Table]) -> Array:
+    """The least r of a root (n,), from where |phi| is beyond any limit upwards; inf: none."""
+    lesser, _ = c.ends
+    slow = np.min(np.where(c.along != 0.0, np.abs(c.along), np.inf), axis=1)
+    base = contact_at(c.problem, np.zeros_like(c.along))
+    far = slow / np.maximum(limit(c.problem.parameters, tables, slow, base), 1e-300)
+    low = np.log(np.where(c.endless, 1e-16 * far, 1e-13 * lesser))
+    high = low.copy()
+    found = np.zeros(len(low), dtype=np.bool_)
+    for _ in range(6000):
+        high = np.where(found, high, high + 0.02)
+        found |= c.gap(tables, np.exp(high)) >= 0.0
+        if found.all():
+            break
+    low = high - 0.02
+    for _ in range(REFINED):
+        middle = 0.5 * (low + high)
+        beyond = c.gap(tables, np.exp(middle)) >= 0.0
+        high, low = np.where(beyond, middle, high), np.where(beyond, low, middle)
+    return np.where(found, np.exp(high), np.inf)
 
 
 def _narrowed(c: Curve, tables: Sequence[Table], high: Array, less: Array) -> Array:
@@ -210,14 +238,61 @@ def judge(block: Block) -> Found:
     given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
     given[:, 1] /= q.parameters.radius
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        expected, unsure, several = named(q, tables)
-    apart = rigid.norm(given - expected) > CLOSE * rigid.norm(expected)
-    apart |= ~np.isfinite(expected).all(axis=1)
-    everything = np.zeros((3, len(p.h)), dtype=np.bool_)
-    everything[0, index] = apart & ~unsure
-    everything[1, index] = apart & unsure
-    everything[2, index] = several
+        found = named(q, tables)
+        apart = _apart(given, found.phi)
+        # where the solution of least traction fits no choice of sides, that nearest to stick
+        others = np.flatnonzero(apart & ~found.unsure & p.bounded[index])
+        if len(others):
+            sub, given_sub = index[others], given[others]
+            last = _apart(given_sub, nearest_to_stick(q.take(others), tables))
+            fits = fit_at_all(p.take(sub), tables, o.take(sub), s.take(sub), b.take(sub))
+            apart[others] = last | fits
+    slips = out[index, layout.REGIME] == layout.SLIP
+    flagged = out[index, layout.FLAGS].astype(np.int64) & layout.SEVERAL_ROOTS != 0
+    wrongly = (flagged != (slips & found.admissible)) & ~(
+        p.bounded[index] & held.any(axis=1)[index]
+    )
+    everything = np.zeros((4, len(p.h)), dtype=np.bool_)
+    everything[0, index] = apart & ~found.unsure
+    everything[1, index] = apart & found.unsure
+    everything[2, index] = found.several
+    everything[3, index] = wrongly & ~found.unsure & ~apart
     return Found(rows, *everything)
+
+
+def _apart(given: Array, expected: Array) -> Bools:
+    off = rigid.norm(given - expected) > CLOSE * rigid.norm(expected)
+    return np.asarray(off | ~np.isfinite(expected).all(axis=1))
+
+
+def nearest_to_stick(q: Problem, tables: Sequence[Table]) -> Array:
+    """(n, 2) the phi of stick where it is admissible, else of the least r, theta = 1."""
+    full = curve_of(q, 1.0)
+    rest = np.zeros(len(q.free))
+    return np.where(
+        (full.gap(tables, rest) >= 0.0)[:, None], full.phi(rest), full.phi(last_root(full, tables))
+    )
+
+
+def fit_at_all(p: Parameters, tables: Sequence[Table], o: Observed, s: Step, b: Bounds) -> Bools:
+    """(n,) whether the solution of least traction fits some choice of sides."""
+    found = np.zeros(len(p.h), dtype=np.bool_)
+    unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
+    for choice in range(9):
+        side = np.array([[0.0, -1.0, 1.0][choice % 3], [0.0, -1.0, 1.0][choice // 3]])
+        rates = np.where(side > 0.0, b.high, b.low)
+        held = b.both | (side != 0.0)
+        can = np.isfinite(np.where(held, rates, 0.0)).all(axis=1)
+        q = problem_of(p, o, s, held, np.where(can[:, None], rates, 0.0))
+        phi = named(q, tables).phi
+        reaction = q.push + rigid.out_of(q.push_by, phi) - unit * phi
+        end = (q.free + rigid.out_of(q.s, phi)) / unit - s.hold
+        inside = (b.low * (1.0 - 1e-9 * np.sign(b.low)) <= end) & (
+            end <= b.high * (1.0 + 1e-9 * np.sign(b.high))
+        )
+        fits = np.where(side == 0.0, inside, reaction * side < 0.0) | b.both
+        found |= can & fits.all(axis=1)
+    return found
 
 
 def _cancelled(q: Problem, phi: Array) -> Array:
@@ -260,8 +335,18 @@ def _at_rest(q: Problem, c: Curve) -> Bools:
     return np.asarray((q.held & nothing).any(axis=1))
 
 
-def named(q: Problem, tables: Sequence[Table]) -> tuple[Array, Bools, Bools]:
-    """The phi (n, 2) that the rule names, whether rounding decides, whether there are several."""
+@dataclasses.dataclass
+class Named:
+    """What the rule names."""
+
+    phi: Array  # (n, 2)
+    unsure: Bools  # (n,) rounding decides
+    several: Bools  # there is more than one solution
+    admissible: Bools  # stick is one
+
+
+def named(q: Problem, tables: Sequence[Table]) -> Named:
+    """The solution that the rule names."""
     full, half = curve_of(q, 1.0), curve_of(q, 0.5)
     margin = full.gap(tables, np.zeros(len(q.free)))
     admissible = margin >= 0.0
@@ -285,4 +370,4 @@ def named(q: Problem, tables: Sequence[Table]) -> tuple[Array, Bools, Bools]:
     size = rigid.norm(q.before) * rigid.norm(end) + 0.25 * square
     hardly = rigid.norm(q.before) < UNSURE * rigid.norm(q.before_size)
     unsure |= may_turn & ((np.abs(turn) < UNSURE * size) | hardly)
-    return found, unsure, (count + admissible) > 1
+    return Named(found, unsure, (count + admissible) > 1, admissible)

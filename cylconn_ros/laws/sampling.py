@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
-from cylconn_ros.laws import draw, rigid, states
+from cylconn_ros.laws import draw, elastic, rigid, states
 from cylconn_ros.laws.balance import received
 from cylconn_ros.laws.bounds import after
 from cylconn_ros.laws.chance import Random, generator
@@ -104,7 +104,9 @@ def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, Hi
     p, sample, out = block.parameters, block.sample, block.out
     o = observe(p, sample, block.past)
     b = bounds_of(block, o)
+    d, d_size = elastic.after(p, o, block.past, out)
     past = after(p, o, remember(p, o, block.past, out), b, out[:, layout.RESTITUTION])
+    past = dataclasses.replace(past, elastic=d, elastic_size=d_size)
     s = begin(p, o, sample)
     moved = sample.copy()
     for body, m, half, inverse, gain, at, wrench in (

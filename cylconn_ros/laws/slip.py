@@ -86,24 +86,6 @@ def friction_laws(
     }
 
 
-def friction_of_sample(block: Block, o: Observed) -> dict[str, Array]:
-    """D and E of a method whose friction opposes the sample's slip velocity: s~ = s-."""
-    p, out = block.parameters, block.out
-    unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
-    before, size = unit * o.w[:, AVAILABLE], unit * o.w_size[:, AVAILABLE]
-    given = np.abs(
-        out[:, [layout.FORCE + 1, layout.FORCE + 2, layout.MOMENT + 1, layout.MOMENT + 2]]
-    )
-    f = friction_of(block, given)
-    rate = rigid.norm(before)
-    over = np.maximum(f.traction - limit(p, block.tables, rate, f.normal), 0.0)
-    power = np.maximum(rigid.dot(f.phi, before), 0.0)
-    return {
-        "D": _only(p.on, ratio(over, _terms(block, f, rate, rigid.norm(size)))),
-        "E": _only(p.on, ratio(power, rigid.dot(np.abs(f.phi), size))),
-    }
-
-
 @dataclasses.dataclass
 class Reported(Rows):
     """Friction and contact as the reported wrench has them."""
@@ -135,7 +117,7 @@ def _slipping(block: Block, f: Reported, mean: Array, size: Array) -> _Law:
     """|s~| phi + r s~ = 0, |phi| = r and phi.s~ <= 0, for the slip velocity s~ (n, 2)."""
     rate = rigid.norm(mean)
     greatest = limit(block.parameters, block.tables, rate, f.normal)
-    greatest_size = _terms(block, f, rate, rigid.norm(size))
+    greatest_size = terms_of_limit(block, f, rate, rigid.norm(size))
     rows = rate[:, None] * f.phi + greatest[:, None] * mean
     # the disc knows no direction: a component far below the vector's length is not looked into
     terms = rigid.norm(size)[:, None] * np.abs(f.phi) + (rate * f.traction)[:, None]
@@ -152,10 +134,10 @@ def _resting(block: Block, f: Reported) -> Array:
     """D of stick: |phi| <= the limit at rest."""
     rest = np.zeros_like(f.normal)
     over = np.maximum(f.traction - limit(block.parameters, block.tables, rest, f.normal), 0.0)
-    return ratio(over, _terms(block, f, rest, rest))
+    return ratio(over, terms_of_limit(block, f, rest, rest))
 
 
-def _terms(block: Block, f: Reported, rate: Array, rate_size: Array) -> Array:
+def terms_of_limit(block: Block, f: Reported, rate: Array, rate_size: Array) -> Array:
     """(n,) mu FN by the sums of the terms of FN and, where mu depends on them, of |s~| and FN."""
     p, tables = block.parameters, block.tables
     by_rate, by_force = slopes(p, tables)

@@ -118,7 +118,7 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
     keep = 0.5 * exact
     bracket, bracket_size = exact * (there - still), exact * (there_size + still_size)
     h = _column(p.h)
-    pulled, pulled_size = _pull(p, o)
+    back_in, back_in_size = pulled(o, p.h, _pull_in(p, o))
     back = np.where(_column(o.holding), (o.place - o.held) / h + keep * o.w[:, AVAILABLE], 0.0)
     away = np.where(_column(o.new_hold), 0.0, o.place_size + np.abs(o.held))
     back_size = away / h + keep * o.w_size[:, AVAILABLE]
@@ -134,8 +134,8 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
         free_size=still_size + gain_size,
         bracket=bracket,
         bracket_size=bracket_size,
-        target=pulled - keep * o.w[:, CONSTRAINED] - bracket[:, CONSTRAINED],
-        target_size=pulled_size + keep * o.w_size[:, CONSTRAINED] + bracket_size[:, CONSTRAINED],
+        target=back_in - keep * o.w[:, CONSTRAINED] - bracket[:, CONSTRAINED],
+        target_size=back_in_size + keep * o.w_size[:, CONSTRAINED] + bracket_size[:, CONSTRAINED],
         hold=back,
         hold_size=np.where(_column(o.holding), back_size, 0.0),
     )
@@ -156,25 +156,48 @@ def _ahead(p: Parameters, m: Motion) -> Motion:
     return Motion(m.com + h * m.velocity, turned, m.velocity, m.spin, size, m.velocity_size)
 
 
-def _pull(p: Parameters, o: Observed) -> tuple[Array, Array]:
-    """-e/h, offsets and swings each no faster than their pull-in speed: (n, 4) and its size.
+def _pull_in(p: Parameters, o: Observed) -> tuple[Array, Array]:
+    """(n,) at most how fast offsets and swings are brought back.
 
-    To that speed comes what a step's own error needs, (|w| h)^2 |w|, of the arms for offsets; from
-    |w| h = 0.5 on less, from 0.75 on nothing.
+    To the pull-in speed comes what a step's own error needs, (|w| h)^2 |w|, of the arms for
+    offsets; from |w| h = 0.5 on less, from 0.75 on nothing.
     """
     spin = np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
     own = np.clip(3.0 - 4.0 * spin * p.h, 0.0, 1.0) * (spin * p.h) ** 2 * spin
     arms = rigid.norm(o.frame.arm_a) + rigid.norm(o.frame.arm_b)
-    limits = p.pull_in_speed + own * arms, p.pull_in_rate + own
-    pulled, size = [], []
+    return p.pull_in_speed + own * arms, p.pull_in_rate + own
+
+
+def pulled(o: Observed, settling: Array, limits: tuple[Array, Array]) -> tuple[Array, Array]:
+    """-e/settling, offsets and swings each no faster than their limit: (n, 4) and its size."""
+    found, size = [], []
     for rows, greatest in zip((slice(0, 2), slice(2, 4)), limits, strict=True):
         e, terms = o.error[:, rows], o.error_size[:, rows]
         long = _column(rigid.norm(e))
-        far = long > _column(greatest * p.h)
-        rate = np.where(far, _column(greatest) / np.where(far, long, 1.0), 1.0 / _column(p.h))
-        pulled.append(-rate * e)
+        far = long > _column(greatest * settling)
+        rate = np.where(far, _column(greatest) / np.where(far, long, 1.0), 1.0 / _column(settling))
+        found.append(-rate * e)
         size.append(rate * terms)
-    return np.concatenate(pulled, axis=1), np.concatenate(size, axis=1)
+    return np.concatenate(found, axis=1), np.concatenate(size, axis=1)
+
+
+def accelerations(p: Parameters, o: Observed, sample: Array) -> tuple[Array, Array]:
+    """(n, 6) J a in q under gravity, loads and gyroscopic torques, and its size."""
+    values: list[Array] = []
+    sizes: list[Array] = []
+    for body, m, at in ((p.a, o.a, layout.A_LOAD), (p.b, o.b, layout.B_LOAD)):
+        load, free = sample[:, at : at + 6], _column(body.free)
+        arm = rigid.out_of(rigid.matrix(m.orientation), body.com)
+        torque = load[:, 3:] - np.cross(arm, load[:, :3])
+        size = np.abs(load[:, 3:]) + rigid.cross_size(arm, load[:, :3])
+        push = _column(body.inverse_mass) * load[:, :3]
+        turn, turn_size = _euler(body, m.orientation, m.spin, np.abs(m.spin), torque, size)
+        values += [np.where(free, p.gravity + push, 0.0), np.where(free, turn, 0.0)]
+        sizes += [np.where(free, np.abs(p.gravity) + np.abs(push), 0.0)]
+        sizes += [np.where(free, turn_size, 0.0)]
+    value, _ = relative(o.frame, *values)
+    _, size = relative(o.frame, *sizes)
+    return value, size
 
 
 def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Array, Array]:

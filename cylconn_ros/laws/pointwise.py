@@ -1,0 +1,81 @@
+"""minimal offline: the laws of friction at every instant of its dense output, and its momentum.
+
+The mean of a reaction that turns is shorter than its mean length, so that the laws of friction are
+not those of a mean wrench; they are asked of the motion that the wrench is the mean of. Between
+events it is solved to a tolerance, not stepped: momentum is kept to that tolerance, MOMENTUM.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.minimal_simulation import Solution, solve
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout
+from cylconn_ros.laws import rigid
+from cylconn_ros.laws.friction import contact, limit
+from cylconn_ros.laws.observed import Motion, motion
+from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of, tables_of, world
+from cylconn_ros.laws.residual import ratio, worst
+
+Array = NDArray[np.float64]
+INSTANTS = 400
+MOMENTUM = 1e-9
+
+
+def check(scene: Scene) -> tuple[dict[str, Array], Array, float]:
+    """Residuals (n,) by letter, the regimes (n,), and how far momentum is off (NaN: not free)."""
+    times = np.linspace(0.0, scene.plant.duration, INSTANTS)
+    found = solve(scene, times=times)
+    p = parameters_of([scene]).take(np.zeros(INSTANTS, dtype=np.intp))
+    return _friction(p, scene, found), found.regime, _momentum(p, scene, found)
+
+
+def _friction(p: Parameters, scene: Scene, found: Solution) -> dict[str, Array]:
+    tables = tables_of([scene])
+    phi = found.friction / np.column_stack([np.ones(INSTANTS), p.radius])
+    s = np.column_stack([found.velocity, p.radius * found.angular_velocity])
+    force, moment = found.forces[:, :3], found.forces[:, 3:]
+    radial, _, bending, normal = contact(p, force, moment)
+    terms = radial + bending + np.abs(p.preload)
+    rate, traction = rigid.norm(s), rigid.norm(phi)
+    greatest = limit(p, tables, rate, normal)
+    size = np.maximum(greatest, limit(p, tables, rate, terms))
+    slips, sticks = found.regime == layout.SLIP, found.regime == layout.STICK
+    over = np.where(slips, traction - greatest, np.maximum(traction - greatest, 0.0))
+    rows = rate[:, None] * phi + greatest[:, None] * s
+    sizes = rate[:, None] * (np.abs(phi) + traction[:, None]) + (size * rate)[:, None]
+    power = np.maximum(rigid.dot(phi, s), 0.0)
+    moving = slips & (rate > 0.0)
+    return {
+        "D": np.where(p.on & (sticks | moving), ratio(over, size), np.nan),
+        "S": np.where(moving, worst(ratio(rows, sizes)), np.nan),
+        "K": np.where(sticks, rate, np.nan),
+        "E": np.where(p.on, ratio(power, traction * rate), np.nan),
+    }
+
+
+def _momentum(p: Parameters, scene: Scene, found: Solution) -> float:
+    """The greatest change of linear and angular momentum of two free bodies, by its own size."""
+    loads = (*scene.plant.body_a.load, *scene.plant.body_b.load)
+    if any(loads) or any(scene.gravity) or not (p.a.free[0] and p.b.free[0]):
+        return math.nan
+    sample = np.zeros((INSTANTS, layout.NSAMPLE))
+    sample[:, layout.MOTION] = found.states
+    total, size = np.zeros((INSTANTS, 6)), 0.0
+    for body, pose, twist in ((p.a, layout.A_POSE, layout.A_TWIST), (p.b, layout.B_POSE, layout.B_TWIST)):
+        m = motion(body, sample, pose, twist)
+        linear = m.velocity / body.inverse_mass[:, None]
+        angular = np.cross(m.com, linear) + _spun(body, m)
+        total += np.column_stack([linear, angular])
+        size = size + rigid.norm(linear).max() * (1.0 + rigid.norm(m.com).max())
+        size = size + rigid.norm(_spun(body, m)).max()
+    return float(np.abs(total - total[0]).max() / size)
+
+
+def _spun(body: Bodies, m: Motion) -> Array:
+    inertia = world(body.inertia, rigid.matrix(m.orientation))
+    return rigid.out_of(inertia, m.spin)
