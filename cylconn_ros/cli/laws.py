@@ -1,34 +1,39 @@
-"""Check the laws of the connector's step from outside, on random states or on a recorded run.
+"""Check the laws of the connector's step from outside: random states, the library, recorded runs.
 
 Two bodies, parameters and states are drawn over extreme scales, each extreme jointly with the
 others: mass and inertia ratios 1e-6 to 1e6, periods 0.1 to 100 ms, mu up to 10, mass centres metres
-off the axis, spins up to 1000 rad/s. The answers are checked against the laws by their letters
+off the axis, spins up to 1000 rad/s, stops, locks, imposed motions. Then the method runs the scene
+library. The answers are checked against the laws that the method claims, by their letters
 (docs/laws.md), written without the solver's code. Exit code 1 where a law does not hold to 1e-12.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cylconn_ros.cli import laws_report as report
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from cylconn_ros.laws.judgement import Verdict
     from cylconn_ros.laws.order import Fit
-    from cylconn_ros.laws.roots import Verdict
     from cylconn_ros.laws.tally import Tally
 
 _ENOUGH = 100_000  # samples from which on shares of regimes are judged
+_STEERED_TO = "impulse"  # whose regimes the draw is steered to
+_SLOW = "minimal"  # a random step of it takes milliseconds: its samples are those of the library
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument(
-        "--samples", type=_count, default=100_000, metavar="N", help="random samples (100000)"
+        "--samples", type=_count, metavar="N", help="random samples (100000; minimal: 0)"
     )
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the draw (1)")
     parser.add_argument(
@@ -42,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="samples whose friction is solved again by brute force (20000, 0: none)",
     )
     parser.add_argument(
+        "--library",
+        type=_count,
+        default=500,
+        metavar="N",
+        help="samples of each scene of the library at most (500, 0: none)",
+    )
+    parser.add_argument(
         "--no-order", action="store_true", help="leave out the orders of convergence"
     )
     parser.add_argument(
@@ -50,6 +62,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--run", dest="recording", type=Path, metavar="RUN", help="a recorded run's samples instead"
     )
+
+
+@dataclasses.dataclass
+class _Found:
+    """All that was checked."""
+
+    random: Tally
+    library: Tally
+    verdict: Verdict | None = None
+    runs: int = 0
+    refused: dict[str, str] = dataclasses.field(default_factory=dict)
+    instants: Tally | None = None
+    momentum: float = 0.0
+    fits: list[Fit] = dataclasses.field(default_factory=list)
+
+    def broken(self) -> list[str]:
+        """The letters of what did not hold."""
+        from cylconn_ros.laws.claims import TITLES
+        from cylconn_ros.laws.pointwise import MOMENTUM
+
+        tallies = [self.random, self.library, *([self.instants] if self.instants else [])]
+        off = [
+            letter
+            for letter in TITLES
+            if any(letter in t.laws and not t.laws[letter].holds for t in tallies)
+        ]
+        off += ["roots"] if self.verdict is not None and self.verdict.faults else []
+        off += ["momentum"] if self.momentum > MOMENTUM else []
+        return off + (["O"] if not all(fit.holds for fit in self.fits) else [])
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,48 +104,59 @@ def run(options: argparse.Namespace) -> int:
     if options.method not in CLAIMS:
         known = ", ".join(CLAIMS)
         raise CommandError(f"--method {options.method}: laws are stated for {known}")
-    tally, fits = Tally(), []
+    if options.samples is None:
+        options.samples = 0 if options.method == _SLOW and options.scene is None else 100_000
+    found = _Found(Tally(), Tally())
     with Progress("laws") as bar:
         bar.note("preparing (the first run compiles the physics)")
-        verdict = _samples(options, tally, bar)
+        _samples(options, found, bar)
+    if options.scene is None and options.library:
+        with Progress("library") as bar:
+            _library(options, found, bar)
     if options.scene is None and not options.no_order and options.method == "impulse":
         from cylconn_ros.laws import order
 
         with Progress("order of convergence") as bar:
-            fits = order.fits(bar)
-    drawn = f"{tally.samples} samples, seed {options.seed}, {time.monotonic() - begin:.0f} s"
-    print(f"method {options.method}: {drawn}\n")
-    print("\n".join([*_laws(tally), *_regimes(tally), *_roots(verdict), *_orders(fits)]))
-    off = [letter for letter, law in tally.laws.items() if not law.holds]
-    off += ["roots"] if verdict is not None and verdict.wrong + verdict.flag else []
-    off += ["O"] if not all(fit.holds for fit in fits) else []
-    few = tally.scarce() if tally.samples >= _ENOUGH else []
+            found.fits = order.fits(bar)
+    drawn = f"{found.random.samples} samples, seed {options.seed}"
+    print(f"method {options.method}: {drawn}, {time.monotonic() - begin:.0f} s\n")
+    lines = [*report.laws(found.random), *report.regimes(found.random)]
+    lines = lines if found.random.samples else []
+    lines += [
+        *report.roots(found.verdict),
+        *report.library(found.library, found.runs, found.refused),
+    ]
+    lines += [*report.pointwise(found.instants, found.momentum), *report.orders(found.fits)]
+    print("\n".join(lines))
+    steered = options.method == _STEERED_TO and found.random.samples >= _ENOUGH
+    few = found.random.scarce() if steered else []
     if few:
         print(f"\nless than 1 % of the samples in regime {', '.join(few)}: nothing is proven there")
-    print(_next(options, tally, verdict, off))
+    off = found.broken()
+    print(_next(options, found.random, found.verdict, off))
     return 1 if off or few else 0
 
 
-def _samples(options: argparse.Namespace, tally: Tally, bar: Progress) -> Verdict | None:
+def _samples(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
     """Check the random samples, and the roots of as many of them as asked for."""
-    from cylconn_ros.laws import checks, roots, sampling
+    from cylconn_ros.laws import checks, judgement, sampling
 
-    verdict = roots.Verdict() if options.roots and options.method == "impulse" else None
-    if options.scene is None:
-        numbers = range(sampling.blocks_for(options.samples))
-    else:
+    if options.roots and options.method == "impulse":
+        found.verdict = judgement.Verdict()
+    if options.scene is not None:
         numbers = range(options.scene // sampling.BLOCK, options.scene // sampling.BLOCK + 1)
+    else:
+        numbers = range(sampling.blocks_for(options.samples) if options.samples else 0)
     total = len(numbers) * sampling.LENGTH
     for done, drawn in enumerate(_drawn(options, numbers)):
         residuals = checks.check(drawn.block, options.method)
         rows = slice(None) if options.scene is None else drawn.number == options.scene
         where = (drawn.number[rows], drawn.chain[rows], drawn.place[rows])
         chosen = {letter: values[rows] for letter, values in residuals.items()}
-        tally.add(chosen, drawn.block.out[rows], where)
-        if verdict is not None and verdict.samples < options.roots:
-            verdict.add(roots.judge(drawn.block), drawn.number, drawn.chain, drawn.place)
+        found.random.add(chosen, drawn.block.out[rows], where)
+        if found.verdict is not None and found.verdict.samples < options.roots:
+            found.verdict.add(judgement.judge(drawn.block), drawn.number, drawn.chain, drawn.place)
         bar(done + 1, total)
-    return verdict
 
 
 def _drawn(options: argparse.Namespace, numbers: range) -> Iterator:
@@ -114,53 +166,43 @@ def _drawn(options: argparse.Namespace, numbers: range) -> Iterator:
         yield from sampling.blocks(options.seed, number, options.method)
 
 
-def _laws(tally: Tally) -> list[str]:
-    from cylconn_ros.laws.claims import TITLES
+def _library(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
+    """The method's own runs; of minimal also the motion that its wrenches are means of."""
+    from cylconn_ros.connector.installed import shipped_scenes
+    from cylconn_ros.connector.scene import load
+    from cylconn_ros.laws import checks, library
+    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.reference.library import LIBRARY
 
-    lines = [f"{'law':<15}{'samples':>10}{'worst':>11}{'beyond 1e-12':>14}  scene/start/place"]
-    for letter, title in TITLES.items():
-        law = tally.laws.get(letter)
-        if law is None or not law.samples:
-            continue
-        place = law.where if law.value > 0.0 else ""
-        name = f"{letter} {title}"
-        lines.append(f"{name:<15}{law.samples:>10}{law.value:>11.1e}{law.over:>14}  {place}")
-    return lines
-
-
-def _regimes(tally: Tally) -> list[str]:
-    lines = ["", f"{'regime':<15}{'samples':>10}{'share':>11}"]
-    for name, count in tally.regimes.items():
-        lines.append(f"{name:<15}{count:>10}{tally.share(name):>11.2%}")
-    return lines
-
-
-def _roots(verdict: Verdict | None) -> list[str]:
-    if verdict is None:
-        return []
-    lines = [
-        "",
-        f"all roots by brute force: {verdict.judged} of {verdict.samples} samples, "
-        f"{verdict.several} with several, {verdict.unsure} that hang on rounding",
-        f"answers other than the rule names: {verdict.wrong}; "
-        f"flag SEVERAL_ROOTS not as the message says: {verdict.flag}",
-    ]
-    return lines + [f"  at {where}" for where in verdict.where]
+    files = shipped_scenes()
+    asked = {name: load(files[name]) for name in LIBRARY}
+    scenes, found.refused = library.served(asked, options.method)
+    found.runs = len(scenes)
+    for done, (name, scene) in enumerate(scenes.items()):
+        for block, index in library.run(scene, options.library).blocks():
+            tally = Tally()
+            tally.add(checks.check(block, options.method), block.out, (index,))
+            found.library.merge(tally.named(name))
+        if options.method == "minimal":
+            _instants(found, name, scene)
+        bar(done + 1, len(scenes))
 
 
-def _orders(fits: list[Fit]) -> list[str]:
-    if not fits:
-        return []
-    from cylconn_ros.laws.order import PERIODS, STATED
+def _instants(found: _Found, name: str, scene: object) -> None:
+    import numpy as np
 
-    heads = "".join(f"{1e3 * period:>9.4g}" for period in PERIODS)
-    lines = ["", f"{'O order, error at h/ms':<46}{heads}   order  stated"]
-    for fit in fits:
-        errors = "".join(f"{error:>9.1e}" for error in fit.errors)
-        sign = "" if fit.holds else "  LESS"
-        name = f"{fit.scene}: {fit.what}"
-        lines.append(f"{name:<46}{errors}{fit.order:>8.2f}{STATED[fit.what]:>8.0f}{sign}")
-    return lines
+    from cylconn_ros.connector.scene import Scene
+    from cylconn_ros.laws import pointwise
+    from cylconn_ros.laws.tally import Tally
+
+    assert isinstance(scene, Scene)
+    residuals, momentum = pointwise.check(scene)
+    n = len(residuals["D"])
+    tally = Tally()
+    tally.count(residuals, n, (np.arange(n),))
+    found.instants = found.instants or Tally()
+    found.instants.merge(tally.named(name))
+    found.momentum = max(found.momentum, momentum)
 
 
 def _next(
@@ -168,7 +210,7 @@ def _next(
 ) -> str:
     if not off:
         return "\nall hold (next: --samples 1000000, another --seed, --run RUN for a recording)"
-    places = [tally.laws[letter].where for letter in off if letter in tally.laws]
+    places = [law.where for letter, law in tally.laws.items() if letter in off and law.over]
     places += verdict.where if verdict is not None else []
     text = f"\nBROKEN: {', '.join(off)}"
     if options.recording is None and options.scene is None and places:
@@ -189,13 +231,18 @@ def _recorded(options: argparse.Namespace) -> int:
     recorded = samples_of(read_run(options.recording))
     if recorded.method not in CLAIMS:
         raise CommandError(f"{options.recording}: no laws are stated for method {recorded.method}")
+    if recorded.scene.latency != 0:
+        raise CommandError(
+            f"{options.recording}: latency = {recorded.scene.latency}: its answers are for "
+            "predicted states, which are not in the recording; no laws are stated for them"
+        )
     with Progress("laws") as bar:
         for done, (block, index) in enumerate(recorded.blocks()):
             residuals = checks.check(block, recorded.method)
             tally.add(residuals, block.out, (index,))
             bar(done + 1, recorded.parts)
     print(f"method {recorded.method}: {tally.samples} samples of {options.recording}\n")
-    print("\n".join([*_laws(tally), *_regimes(tally)]).replace("scene/start/place", "sample"))
+    print("\n".join([*report.laws(tally, "sample"), *report.regimes(tally)]))
     if recorded.left_out:
         print(f"\n{recorded.left_out} states left out: {recorded.why}")
     off = [letter for letter, law in tally.laws.items() if not law.holds]

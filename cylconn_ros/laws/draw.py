@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 FARTHEST = 1e4
 WITHOUT_BOUNDS = ("baumgarte",)
 WITHOUT_INERTIA = ("penalty", "augmented_lagrangian")
-FAMILIES = ("wide", "sliding", "roots", "wide", "sliding", "jam", "roots", "turning")
+FAMILIES = ("wide", "sliding", "roots", "wide", "roots", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
     ("fixed", "free"),
@@ -93,7 +93,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         values["penalty"] = _gains(more, mass, inertia, period)
     if method in WITHOUT_BOUNDS:
         values["command"] = {name: _force(more, weight) for name in ("slide", "spin")}
-    elif more.random() < 0.5:
+    elif more.random() < (0.25 if kind == "roots" else 0.5):
         _bound(more, values, weight, reach)
     return Scene.from_parameters(values)
 

@@ -91,14 +91,16 @@ def _history(p: Parameters, one: Parameters, sample: Array, out: Array) -> Histo
 
 def _stretched(p: Parameters, sample: Array, out: Array, past: History) -> None:
     """Put the elastic slip of a penalty method's stick into ``past``."""
-    o = observe(p, sample, past)
-    last = past.take(np.zeros(1, dtype=np.intp))
-    for k in range(len(sample)):
-        past.elastic[k], past.elastic_size[k] = last.elastic[0], last.elastic_size[0]
-        row = np.array([k])
-        here = past.take(row)
-        d, size = elastic.after(p.take(row), o.take(row), here, out[row])
-        last = dataclasses.replace(here, elastic=d, elastic_size=size)
+    s, s_size = elastic.slip_of_sample(p, observe(p, sample, past))
+    spring = np.abs(elastic.friction(p, out)) / p.gains[:, 4][:, None]
+    slipped = -np.sign(elastic.friction(p, out)) * spring
+    slips = out[:, layout.REGIME] == layout.SLIP
+    for k in range(1, len(sample)):
+        last = past.period[k - 1]
+        d = past.elastic[k - 1] + last * s[k - 1]
+        size = past.elastic_size[k - 1] + last * s_size[k - 1]
+        past.elastic[k] = slipped[k - 1] if slips[k - 1] else d
+        past.elastic_size[k] = spring[k - 1] if slips[k - 1] else size
 
 
 def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History:

@@ -17,58 +17,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.bounds import Bounds, stop_sides
 from cylconn_ros.laws.friction import contact, limit
-from cylconn_ros.laws.observed import Observed, observe
-from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
-from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
-from cylconn_ros.laws.residual import Block
-from cylconn_ros.laws.step import Step, begin
-from cylconn_ros.laws.stops import bounds_of
+from cylconn_ros.laws.parameters import Bools, Rows, Table
+from cylconn_ros.laws.reduced import Problem
 
 Array = NDArray[np.float64]
 GRID = 1200
 FINER = 100  # points where the sign changes
+MOST_STEPS = 1000
+STEP = 0.1  # of log r, on the way from stick to the root next to it
 REFINED = 90  # halvings or golden sections
-CLOSE = 1e-3  # of phi: the same solution; that it is one to rounding is the matter of S and D
+CLOSE = 1e-3  # of phi: rounding must be far from making one solution of another
 UNSURE = 1e-9  # two answers are equally right when a decision hangs on less
-
-
-@dataclasses.dataclass
-class Found:
-    """The verdict on a block: rows that were judged, and those judged wrong or undecided."""
-
-    judged: Bools
-    wrong: Bools
-    unsure: Bools
-    several: Bools  # more than one solution
-    flag: Bools  # SEVERAL_ROOTS is not as it should be
-
-
-@dataclasses.dataclass
-class Verdict:
-    """Counts over many blocks, and where the first wrong answers are."""
-
-    samples: int = 0
-    judged: int = 0
-    wrong: int = 0
-    unsure: int = 0
-    several: int = 0
-    flag: int = 0
-    where: list[str] = dataclasses.field(default_factory=list)
-
-    def add(self, found: Found, *columns: NDArray[np.intp]) -> None:
-        """Count a block; columns name its rows."""
-        self.samples += len(found.judged)
-        self.judged += int(found.judged.sum())
-        self.wrong += int(found.wrong.sum())
-        self.unsure += int(found.unsure.sum())
-        self.several += int(found.several.sum())
-        self.flag += int(found.flag.sum())
-        for row in np.flatnonzero(found.wrong | found.flag)[: 5 - len(self.where)]:
-            self.where.append("/".join(str(int(column[row])) for column in columns))
 
 
 @dataclasses.dataclass
@@ -160,15 +121,15 @@ def last_root(c: Curve, tables: Sequence[Table]) -> Array:
     slow = np.min(np.where(c.along != 0.0, np.abs(c.along), np.inf), axis=1)
     base = contact_at(c.problem, np.zeros_like(c.along))
     far = slow / np.maximum(limit(c.problem.parameters, tables, slow, base), 1e-300)
-    low = np.log(np.where(c.endless, 1e-16 * far, 1e-13 * lesser))
-    high = low.copy()
-    found = np.zeros(len(low), dtype=np.bool_)
-    for _ in range(6000):
-        high = np.where(found, high, high + 0.02)
-        found |= c.gap(tables, np.exp(high)) >= 0.0
-        if found.all():
+    high = np.log(np.where(c.endless, 1e-16 * far, 1e-13 * lesser))
+    top = np.log(1e4 * np.maximum(far, c.ends[1]))
+    found = np.zeros(len(high), dtype=np.bool_)
+    for _ in range(MOST_STEPS):
+        if not (~found & (high <= top)).any():
             break
-    low = high - 0.02
+        high = np.where(found, high, high + STEP)
+        found |= c.gap(tables, np.exp(high)) >= 0.0
+    low = high - STEP
     for _ in range(REFINED):
         middle = 0.5 * (low + high)
         beyond = c.gap(tables, np.exp(middle)) >= 0.0
@@ -220,51 +181,6 @@ def _dips(
     return least, root
 
 
-def judge(block: Block) -> Found:
-    """Whether the answers of a block are the solutions that the rule names."""
-    p, out, tables = block.parameters, block.out, block.tables
-    o = observe(p, block.sample, block.past)
-    b = bounds_of(block, o)
-    held = b.held(out)
-    s = begin(p, o, block.sample)
-    upper = (stop_sides(out) > 0.0) & ~b.both
-    q = problem_of(p, o, s, held, np.where(upper, b.high, b.low))
-    values = np.linalg.eigvalsh(q.s)
-    rows = p.on & (q.condition < WORST_CONDITION) & ~b.unsure
-    even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
-    rows &= even | held.any(axis=1)
-    index = np.flatnonzero(rows)
-    q = q.take(index)
-    given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
-    given[:, 1] /= q.parameters.radius
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        found = named(q, tables)
-        apart = _apart(given, found.phi)
-        # where the solution of least traction fits no choice of sides, that nearest to stick
-        others = np.flatnonzero(apart & ~found.unsure & p.bounded[index])
-        if len(others):
-            sub, given_sub = index[others], given[others]
-            last = _apart(given_sub, nearest_to_stick(q.take(others), tables))
-            fits = fit_at_all(p.take(sub), tables, o.take(sub), s.take(sub), b.take(sub))
-            apart[others] = last | fits
-    slips = out[index, layout.REGIME] == layout.SLIP
-    flagged = out[index, layout.FLAGS].astype(np.int64) & layout.SEVERAL_ROOTS != 0
-    wrongly = (flagged != (slips & found.admissible)) & ~(
-        p.bounded[index] & held.any(axis=1)[index]
-    )
-    everything = np.zeros((4, len(p.h)), dtype=np.bool_)
-    everything[0, index] = apart & ~found.unsure
-    everything[1, index] = apart & found.unsure
-    everything[2, index] = found.several
-    everything[3, index] = wrongly & ~found.unsure & ~apart
-    return Found(rows, *everything)
-
-
-def _apart(given: Array, expected: Array) -> Bools:
-    off = rigid.norm(given - expected) > CLOSE * rigid.norm(expected)
-    return np.asarray(off | ~np.isfinite(expected).all(axis=1))
-
-
 def nearest_to_stick(q: Problem, tables: Sequence[Table]) -> Array:
     """(n, 2) the phi of stick where it is admissible, else of the least r, theta = 1."""
     full = curve_of(q, 1.0)
@@ -272,27 +188,6 @@ def nearest_to_stick(q: Problem, tables: Sequence[Table]) -> Array:
     return np.where(
         (full.gap(tables, rest) >= 0.0)[:, None], full.phi(rest), full.phi(last_root(full, tables))
     )
-
-
-def fit_at_all(p: Parameters, tables: Sequence[Table], o: Observed, s: Step, b: Bounds) -> Bools:
-    """(n,) whether the solution of least traction fits some choice of sides."""
-    found = np.zeros(len(p.h), dtype=np.bool_)
-    unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
-    for choice in range(9):
-        side = np.array([[0.0, -1.0, 1.0][choice % 3], [0.0, -1.0, 1.0][choice // 3]])
-        rates = np.where(side > 0.0, b.high, b.low)
-        held = b.both | (side != 0.0)
-        can = np.isfinite(np.where(held, rates, 0.0)).all(axis=1)
-        q = problem_of(p, o, s, held, np.where(can[:, None], rates, 0.0))
-        phi = named(q, tables).phi
-        reaction = q.push + rigid.out_of(q.push_by, phi) - unit * phi
-        end = (q.free + rigid.out_of(q.s, phi)) / unit - s.hold
-        inside = (b.low * (1.0 - 1e-9 * np.sign(b.low)) <= end) & (
-            end <= b.high * (1.0 + 1e-9 * np.sign(b.high))
-        )
-        fits = np.where(side == 0.0, inside, reaction * side < 0.0) | b.both
-        found |= can & fits.all(axis=1)
-    return found
 
 
 def _cancelled(q: Problem, phi: Array) -> Array:

@@ -14,7 +14,7 @@ from cylconn_ros.laws.residual import TOLERANCE
 Array = NDArray[np.float64]
 
 REGIMES = ("slip", "stick", "frictionless", "several roots", "jam", "stop", "restitution")
-STEERED = ("slip", "stick", "several roots", "jam")
+STEERED = ("slip", "stick", "several roots", "jam", "stop", "restitution")
 LEAST_SHARE = 0.01
 """Of the samples, in each of the regimes that the draw is steered to."""
 
@@ -46,7 +46,15 @@ class Tally:
         self, residuals: Mapping[str, Array], out: Array, where: Sequence[NDArray[np.intp]]
     ) -> None:
         """Count (n,) residuals by letter and (n, NOUT) answers; where: columns that name a row."""
-        self.samples += len(out)
+        self.count(residuals, len(out), where)
+        for name, rows in regimes(out).items():
+            self.regimes[name] += int(rows.sum())
+
+    def count(
+        self, residuals: Mapping[str, Array], samples: int, where: Sequence[NDArray[np.intp]]
+    ) -> None:
+        """Count (n,) residuals by letter of n samples that are in no regime."""
+        self.samples += samples
         for letter, values in residuals.items():
             law = self.laws.setdefault(letter, Worst())
             said = ~np.isnan(values)
@@ -56,8 +64,12 @@ class Tally:
                 row = int(np.nanargmax(values))
                 law.value = float(values[row])
                 law.where = "/".join(str(int(column[row])) for column in where)
-        for name, rows in regimes(out).items():
-            self.regimes[name] += int(rows.sum())
+
+    def named(self, name: str) -> Tally:
+        """The tally with ``name`` before every place."""
+        for law in self.laws.values():
+            law.where = f"{name}/{law.where}" if law.where else ""
+        return self
 
     def merge(self, other: Tally) -> None:
         """Take in another tally."""
