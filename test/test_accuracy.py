@@ -97,8 +97,14 @@ def test_pairs_against_newton_and_euler(number: int) -> None:
         assert relative_error(found, right) <= tolerance
 
 
-def test_substeps_where_minimal_does_not_serve() -> None:
+def test_substeps_where_minimal_does_not_serve(monkeypatch: pytest.MonkeyPatch) -> None:
     """An imposed spin on two free bodies: against the same with many more substeps."""
+
+    def crowded(*given: Any) -> Any:
+        return dataclasses.replace(solve(*given), coarse=0.05)
+
+    solve = minimal_simulation.solve
+    monkeypatch.setattr(minimal_simulation, "solve", crowded)
     imposed = merged({"friction": friction_of(np.random.default_rng(1), 0.05)},
                      {"command": {"spin": {"velocity": 6.0}}})  # fmt: skip
     scene = pair(spin=6.0, **imposed)

@@ -2,7 +2,7 @@
 
 The measurements (docs/precision.md) say that with known inertia nothing reaches an accuracy at less
 cost than ``minimal`` with the tolerance of its own steps below the one asked for. It owns the whole
-motion, though, so where motion is imposed, or where it gives up, ``impulse`` takes its place in a
+motion, though, so where it cannot keep to that tolerance ``impulse`` takes its place in a
 closed loop with as many substeps of the period as a comparison with twice as many asks for.
 """
 
@@ -44,7 +44,8 @@ def motion(scene: Scene, steps: int) -> tuple[Array, Chosen]:
     rtol = step_tolerance(scene.tolerance)
     try:
         found = solve(dataclasses.replace(scene, method="minimal"), float(times[-1]), rtol, times)
-        return found.states, Chosen("minimal", 1, rtol, math.nan)
+        if found.coarse == math.inf:
+            return found.states, Chosen("minimal", 1, rtol, math.nan)
     except (SceneError, RuntimeError):
         if "unknown" in (scene.body_a.kind, scene.body_b.kind):
             raise

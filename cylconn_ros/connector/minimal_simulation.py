@@ -16,18 +16,17 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.packing import pack
 from cylconn_ros.connector.parameters import SceneError, show
 from cylconn_ros.connector.scene import Scene
-from cylconn_ros.core import layout, model
-from cylconn_ros.core.observe import observe
+from cylconn_ros.core import layout
 from cylconn_ros.methods import minimal_place as place
 from cylconn_ros.methods import minimal_report as report
 from cylconn_ros.methods.minimal_motion import LOG
 from cylconn_ros.methods.minimal_rates import INTEGRALS
-from cylconn_ros.methods.minimal_start import start
+from cylconn_ros.methods.minimal_start import OFFLINE, tolerance_of
 
 Array = NDArray[np.float64]
 
 KINDS = ("", "rests", "reverses", "breaks away", "jams", "impact", "releases", "locks")
-MOST_EVENTS = 10000
+MOST_EVENTS = 2000  # kept of a solution
 
 
 @dataclass(frozen=True)
@@ -48,13 +47,16 @@ class Solution:
     Attributes
     ----------
         time: (N,) s. rows: (N, WIDTH) as methods/minimal_report.py lays them out.
-        events: what happened, in order.
+        events: what happened, in order, the first 2000 of it; happened: how often something did.
+        coarse: from when on it does not keep to the tolerance, s; inf: it does everywhere.
         evaluations: how often the equations of motion were evaluated.
     """
 
     time: Array
     rows: Array
     events: tuple[Event, ...]
+    happened: int
+    coarse: float
     evaluations: int
 
     @property
@@ -136,56 +138,60 @@ class Solution:
 def solve(
     scene: Scene,
     duration: float | None = None,
-    rtol: float = 1e-12,
+    rtol: float | None = None,
     times: Sequence[float] | Array | None = None,
-    most_steps: int = 1_000_000,
+    most_steps: int = 100_000,
 ) -> Solution:
     """Solve ``scene`` from the plant's initial state.
 
     Args:
         duration: s; the scene's own by default.
-        rtol: tolerance of a step, relative and, a tenth of it, absolute in SI units.
+        rtol: tolerance of a step, relative and, a tenth of it, absolute in SI units; by default
+            the scene's, or 1e-12 if it states none.
         times: ascending, from 0 to ``duration``, at which to report; by default start and end.
+        most_steps: between two times. From half of them on, steps are only as fine as it takes to
+            come to an end, and ``coarse`` says from when on.
 
-    The initial state is projected onto the constraint. Raises :class:`SceneError` where inertia is
-    unknown or a motion is imposed, ValueError for unusable times, RuntimeError after ``most_steps``
-    steps between two times.
+    The initial state is projected onto the constraint and imposed motions. Raises
+    :class:`SceneError` where inertia is unknown, ValueError for unusable times, RuntimeError where
+    an imposed motion cannot go on (it jams), or the end is not reached after all.
     """
     _check(scene)
     duration = scene.plant.duration if duration is None else duration
     wanted = np.array([0.0, duration] if times is None else times, dtype=np.float64)
-    if not np.all(np.isfinite(wanted)) or wanted[0] < 0.0 or np.any(np.diff(wanted) < 0.0):
+    ascending = wanted[0] >= 0.0 and bool((wanted[1:] >= wanted[:-1]).all())
+    if not (ascending and wanted[-1] < math.inf):
         raise ValueError(f"times = {show(wanted.tolist())}: must be finite, ascending and >= 0")
     par, joint, y = initial(scene)
+    rtol = tolerance_of(par, OFFLINE) if rtol is None else rtol
 
     log = np.zeros((MOST_EVENTS, LOG))
     rows = np.zeros((len(wanted), report.WIDTH))
     ran = report.trajectory(
         par, joint, y, wanted, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps
     )
+    if ran.blocked:
+        raise RuntimeError(f"an imposed motion jams at t = {ran.t:.9g} s: no force moves it on")
     if not ran.complete:
         raise RuntimeError(f"stopped at t = {ran.t:.9g} s after {most_steps} steps")
     events = tuple(
         Event(time, KINDS[int(kind)], length, angle, restitution)
         for time, kind, length, angle, restitution in log[: ran.events].tolist()
     )
-    return Solution(wanted, rows, events, ran.evaluations)
+    return Solution(wanted, rows, events, ran.events, ran.coarse, ran.evaluations)
 
 
 def initial(scene: Scene) -> tuple[Array, Array, Array]:
     """The scene's parameters, what its coordinates are counted from, and where they start."""
-    par, mem = pack(scene), np.zeros(model.NMEM)
-    sample = np.zeros(layout.NSAMPLE)
+    par, sample = pack(scene), np.zeros(layout.NSAMPLE)
     sample[layout.MOTION] = [
         *scene.initial_pose(0), *scene.initial_twist(0),
         *scene.initial_pose(1), *scene.initial_twist(1),
     ]  # fmt: skip
     sample[layout.LOADS] = [*scene.plant.body_a.load, *scene.plant.body_b.load]
-    observed = observe(par, mem, sample, np.zeros(layout.NOUT))
-    joint = np.zeros(place.NJOINT)
     free = scene.body_a.kind == scene.body_b.kind == "free"
-    y = np.zeros((17 if free else 4) + INTEGRALS)
-    start(par, mem, sample, observed, False, joint, y)
+    joint, y = np.zeros(place.NJOINT), np.zeros((17 if free else 4) + INTEGRALS)
+    report.begin(par, sample, joint, y)
     return par, joint, y
 
 
@@ -193,11 +199,3 @@ def _check(scene: Scene) -> None:
     for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
         if body.kind == "unknown":
             raise SceneError(f"{name}.kind = 'unknown': its inertia must be known to move it")
-    for name in ("slide", "spin"):
-        imposed = getattr(scene.command, name)
-        for quantity in ("position", "velocity"):
-            value = getattr(imposed, quantity)
-            if not math.isnan(value):
-                raise SceneError(
-                    f"command.{name}.{quantity} = {show(value)}: imposed motion is served live only"
-                )

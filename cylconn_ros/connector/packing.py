@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.accuracy import step_tolerance
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Body, Friction, Node, Scene
 from cylconn_ros.core import model
@@ -91,6 +92,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
     par[model.REST_RATE] = scene.friction.rest_rate
     par[model.LATENCY] = 0.0 if plant else scene.latency
+    par[model.TOLERANCE] = step_tolerance(scene.tolerance) if scene.tolerance > 0.0 else 0.0
     par[model.TABLE :] = table
     return par
 

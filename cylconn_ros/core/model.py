@@ -36,7 +36,8 @@ AUGMENTED: Final = 102  # share of the spring's force that the multiplier takes 
 BAUMGARTE: Final = 103  # alpha, beta (NaN: from the period), regularisation velocity
 LATENCY: Final = 106  # periods from a sample to the action of its wrench; -1: measured
 REST_RATE: Final = 107  # slip rate below which a motion seen counts as rest, m/s
-TABLE: Final = 108  # rates, forces, values
+TOLERANCE: Final = 108  # of the steps of minimal; 0: as it is used to
+TABLE: Final = 109  # rates, forces, values
 
 # --- MEM ---
 STARTED: Final = 0  # whether there is a reference configuration

@@ -73,14 +73,7 @@ def _relieved(
     law: Law, base: Four, by: Four, factor: float, most: float
 ) -> tuple[float, bool, float]:
     """As `least_traction`, where the preload relieves the contact, F(0) < 0."""
-    p, residual = most, 0.0
-    if math.isinf(most):  # somewhere beyond the zero, if there is one
-        p = factor * contact(law, base).normal
-        for _ in range(600):
-            at = contact(law, moved(base, by, p))
-            if -factor * (at.radial + at.bending + law.preload) < p or p > 1e200:
-                break
-            p *= 4.0
+    p, residual = min(most, -factor * law.preload), 0.0  # beyond the zero, since F >= FCint
     for _ in range(MOST_STEPS):
         reaction = moved(base, by, p)
         at = contact(law, reaction)
@@ -90,7 +83,7 @@ def _relieved(
         if residual <= EXACT:
             break  # also where it is not reached at all: p is still ``most``
         p -= gap / (1.0 + factor * _slope(law, at, reaction, by))
-    return p, math.isinf(most) and residual < -EXACT, max(residual, 0.0)
+    return p, False, max(residual, 0.0)
 
 
 @jit

@@ -9,6 +9,8 @@ be, and the wrench is the impulse method's, which solves for the end of the peri
 place and time are the integrated ones.
 """
 
+import math
+
 import numpy as np
 
 from cylconn_ros.core import layout as out_at
@@ -23,10 +25,9 @@ from cylconn_ros.methods.impulse import answer, frozen
 from cylconn_ros.methods.minimal_integrate import Ran, integrate
 from cylconn_ros.methods.minimal_motion import LOG, RESTS
 from cylconn_ros.methods.minimal_rates import FRICTION, INTEGRALS, NORMAL, SLIPPED, TOTAL
-from cylconn_ros.methods.minimal_start import mode_of, start
+from cylconn_ros.methods.minimal_start import LIVE, mode_of, start, tolerance_of
 from cylconn_ros.methods.sides import Solved, reactions
 
-TOLERANCE = 1e-9
 MOST_STEPS = 200  # within a period: beyond them, the impulse method's answer
 MOST_EVENTS = 8
 
@@ -47,9 +48,10 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     joint, y, log = np.zeros(at.NJOINT), np.zeros(n + INTEGRALS), np.zeros((MOST_EVENTS, LOG))
     start(par, mem, sample, o, True, joint, y)
     ran = integrate(
-        par, joint, y, 0.0, h, TOLERANCE, h, False, was_stick, log, 0, MOST_STEPS
+        par, joint, y, 0.0, h, tolerance_of(par, LIVE), h, False, was_stick, log, 0, MOST_STEPS
     )  # fmt: skip
-    smooth = ran.complete and ran.events == 0 and not ran.state.stuck and not sticks
+    within = ran.complete and ran.coarse == math.inf
+    smooth = within and ran.events == 0 and not ran.state.stuck and not sticks
     if smooth:
         mem[model.SLIPPED] = slipped + y[n + SLIPPED]
         av = _mean(par, mem, o, av, y, n, h)
@@ -61,7 +63,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     flags = answer(par, mem, out, o, s, av, h)
     if smooth:
         _write_means(par, out, av, y[n + NORMAL] / h)
-    elif sticks and ran.complete and ran.state.stuck and ran.events <= MOST_EVENTS:
+    elif sticks and within and ran.state.stuck and ran.events <= MOST_EVENTS:
         _keep_place(mem, out, y, log, ran, h)
     return flags
 

@@ -4,9 +4,8 @@ While it slides, friction is phi = -r s/|s| with the least r >= 0 of
 
     r = min(cap, mu(|s|, FN) FN),      FN = |Fr + Fbend + FCint| of the same instant's reactions
 
-Fr + Fbend is convex in r, so Newton's method from r = 0 runs monotonically into the least root, or
-meets a tangent that no longer falls: then there is none, and slide and spin stop impulsively (a
-jam, Painleve's situation). At rest the disc of the accelerations decides between stick and the
+(core/traction.py). Where there is none, slide and spin stop impulsively (a jam, Painleve's
+situation). At rest the disc of the accelerations decides between stick and the
 direction of breaking away (core/disc.py).
 """
 
@@ -14,36 +13,41 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
-from cylconn_ros.core.bounds import Held, Two, hold
+from cylconn_ros.core.bounds import Held, Two, hold, imposed_force
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.disc import Solution, disc_problem, solve_disc
-from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, Law, contact, limit
 from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
 from cylconn_ros.core.linear import Four
+from cylconn_ros.core.traction import least_traction
 from cylconn_ros.methods import minimal_place as at
-from cylconn_ros.methods.minimal_place import Place, Reduced, place, reduced
+from cylconn_ros.methods.minimal_place import Reduced, place, reduced
+from cylconn_ros.methods.minimal_shaft import reduced_on_shaft
 
 INSTANT: Final = 1e-9  # s, over which the disc of accelerations is solved: any short time does
 
-Sides = tuple[int, int]  # of slide and spin: -1, 1 at the lower, upper stop; 2 locked; 0 free
+SAME: Final = 0.1  # the greatest share by which two accelerations may differ and be one
+ASIDE: Final = 1e-3  # rad, from the direction of slip to its neighbours
+
+Sides = tuple[
+    int, int
+]  # of slide and spin: -1, 1 at the lower, upper stop; 2 keeps its rate; 0 free
 
 
 class Instant(NamedTuple):
     """The state of the connector at one instant."""
 
-    place: Place
     acceleration: Two  # l'', alpha''
     spring: Two
     damper: Two
     friction: Two  # f1f, m1f
     reaction: Two  # of stops and locks
     total: Two  # f1, m1
-    constraint: Four
+    constraint: Four  # of the lean equations: in B's axes
     normal: float  # FN
     traction: float  # P
     limit: float  # of P; in stick, what it may reach
     slip: float  # |s|
-    stiffness: float  # 1/s, at most, at which friction pulls the direction of slip into place
     jammed: bool  # sliding on has no finite force
 
 
@@ -65,151 +69,103 @@ def plus(a: Four, b: Four) -> Four:
 
 
 @inline
-def _pressed(law: Law, b: Four, d: Four, r: float) -> tuple[float, float]:
-    """Fr + Fbend + FCint of the reactions b + r d, and its derivative by r."""
-    f2, f3, m2, m3 = b[0] + r * d[0], b[1] + r * d[1], b[2] + r * d[2], b[3] + r * d[3]
-    radial, moment = math.sqrt(f2 * f2 + f3 * f3), math.sqrt(m2 * m2 + m3 * m3)
-    rise = 0.0
-    if radial > 0.0:
-        rise += (f2 * d[0] + f3 * d[1]) / radial
-    else:
-        rise += math.sqrt(d[0] * d[0] + d[1] * d[1])
-    if moment > 0.0:
-        rise += law.bending * (m2 * d[2] + m3 * d[3]) / moment
-    else:
-        rise += law.bending * math.sqrt(d[2] * d[2] + d[3] * d[3])
-    return radial + law.bending * moment + law.preload, rise
-
-
-@jit
-def sliding_force(law: Law, par: Array, b: Four, d: Four, slip: float) -> tuple[float, bool]:
-    """The least r, and whether there is none. Reactions b + r d, at slip rate ``slip``."""
-    p, rise = _pressed(law, b, d, 0.0)
-    if law.force_slope > 0.0:
-        return _by_bounds(law, par, b, d, slip)
-    mu = coefficient(law, par, slip, abs(p))
-    r = 0.0
-    if p >= 0.0:
-        for _ in range(100):
-            over = mu * p - r
-            if over <= 1e-16 * r or over <= 0.0:
-                return r, False
-            fall = 1.0 - mu * rise
-            if fall <= 0.0:
-                return law.cap, law.cap == math.inf
-            last = r
-            r += over / fall
-            if r >= law.cap:
-                return law.cap, False
-            if r - last <= 1e-16 * r:
-                return r, False
-            p, rise = _pressed(law, b, d, r)
-        return r, False
-    # FN = -(Fr + Fbend + FCint): -mu p - r is concave, with one root below -mu FCint
-    low, high = 0.0, -mu * law.preload
-    for _ in range(100):
-        over = -mu * p - r
-        if over > 0.0:
-            low = r
-        else:
-            high = r
-        if abs(over) <= 1e-16 * high or high - low <= 1e-16 * high:
-            break
-        fall = 1.0 + mu * rise
-        r = r + over / fall if fall > 0.0 else high
-        if not low < r < high:
-            r = 0.5 * (low + high)
-        p, rise = _pressed(law, b, d, r)
-    return min(r, law.cap), False
-
-
-@jit
-def _by_bounds(law: Law, par: Array, b: Four, d: Four, slip: float) -> tuple[float, bool]:
-    """The least root where mu varies with FN: steps that cannot pass one, then a secant."""
-    growth = math.sqrt(d[0] * d[0] + d[1] * d[1])
-    growth += law.bending * math.sqrt(d[2] * d[2] + d[3] * d[3])
-    r, step = 0.0, 0.0
-    greatest = 1e6 * (1.0 + abs(_pressed(law, b, d, 0.0)[0]))
-    for _ in range(10000):
-        normal = abs(_pressed(law, b, d, r)[0])
-        over = limit(law, par, slip, normal) - r
-        if over <= 1e-15 * r:
-            return r, False
-        mu = coefficient(law, par, slip, normal)
-        steepest = growth * (mu + law.force_slope * (normal + growth * step))
-        step = over / (1.0 + steepest)
-        # where the way is clear of kinks a secant step ends just short of the root
-        r += step
-        if r > greatest:
-            break
-    return r, r > greatest
-
-
-@inline
 def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
-    """Spring, damper, actuation on slide and spin."""
+    """Of springs, of dampers, and what they and actuation sum to, on slide and spin."""
     e = model.ELASTICITY
     u1 = y[at.LENGTH] - joint[at.CONSTITUTIVE]
     ur = y[at.ANGLE] - joint[at.CONSTITUTIVE + 1]
+    spring = (-par[e] * u1, -par[e + 1] * ur)
+    damper = (-par[e + 2] * y[at.SLIDE], -par[e + 3] * y[at.SPIN])
+    given = (imposed_force(par, 0), imposed_force(par, 1))
     return (
-        (-par[e] * u1, -par[e + 1] * ur),
-        (-par[e + 2] * y[at.SLIDE], -par[e + 3] * y[at.SPIN]),
-        (
-            model.given(par[model.COMMAND + 2], 0.0),
-            model.given(par[model.COMMAND + 5], 0.0),
-        ),
+        spring,
+        damper,
+        (spring[0] + damper[0] + given[0], spring[1] + damper[1] + given[1]),
     )
 
 
 @inline
-def _free_of(par: Array, joint: Array, t: float, y: Array) -> tuple[Place, Reduced, Two, Two, Two]:
-    """Place, and the equations with springs, dampers and actuation taken in."""
-    p = place(par, joint, t, y)
-    r = reduced(par, joint, y, p)
-    spring, damper, actuation = forces_on(par, joint, y)
-    f, m = spring[0] + damper[0] + actuation[0], spring[1] + damper[1] + actuation[1]
+def equations(par: Array, joint: Array, t: float, y: Array) -> Reduced:
+    """Accelerations and reactions without springs, dampers and actuation."""
+    if joint[at.SHAFT] != 0.0:
+        return reduced_on_shaft(joint, y)
+    return reduced(par, joint, y, place(par, joint, t, y))
+
+
+@inline
+def pushed(r: Reduced, f: float, m: float) -> Reduced:
+    """The equations with (f1, m1) = (f, m) taken in."""
     free = (
         r.free[0] + r.s[0] * f + r.s[1] * m,
         r.free[1] + r.s[1] * f + r.s[2] * m,
     )
-    base = plus(r.base, along(r, f, m))
-    return p, Reduced(free, r.s, base, r.by_f1, r.by_m1), spring, damper, (f, m)
+    return Reduced(free, r.s, plus(r.base, along(r, f, m)), r.by_f1, r.by_m1)
 
 
 @jit
 def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides) -> Instant:
     """Accelerations and forces, sliding or stuck, with the components of ``sides`` != 0 held."""
-    law = model.law(par)
-    p, r, spring, damper, push = _free_of(par, joint, t, y)
+    return instant_of(par, joint, y, equations(par, joint, t, y), stuck, sides)
+
+
+@inline
+def instant_of(
+    par: Array, joint: Array, y: Array, r: Reduced, stuck: bool, sides: Sides
+) -> Instant:
+    """As :func:`instant`, where the equations ``r`` are known."""
+    spring, damper, push = forces_on(par, joint, y)
+    r = pushed(r, push[0], push[1])
     if stuck:
-        held = hold(r.free, r.s, (2, 2), (0.0, 0.0))
-        x = held.q0
-        friction = (x[0] if sides[0] == 0 else 0.0, x[1] if sides[1] == 0 else 0.0)
-        c = plus(r.base, along(r, x[0], x[1]))
-        normal = contact(law, c).normal
-        q = friction[1] / law.radius
-        return Instant(
-            p, (0.0, 0.0), spring, damper, friction, (x[0] - friction[0], x[1] - friction[1]),
-            (push[0] + x[0], push[1] + x[1]), c, normal,
-            math.sqrt(friction[0] * friction[0] + q * q), limit(law, par, 0.0, normal),
-            0.0, 0.0, False,
-        )  # fmt: skip
-    held = Held(r.free, r.s, (0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+        return _stuck(par, r, spring, damper, push, sides)
     if sides[0] != 0 or sides[1] != 0:
-        held = hold(r.free, r.s, sides, (0.0, 0.0))
-    friction, traction, stiffness, jammed = (0.0, 0.0), 0.0, 0.0, False
+        return _held(par, y, r, spring, damper, push, sides)
+    nothing = (0.0, 0.0)
+    return _sliding(
+        par, y, r, spring, damper, push, Held(r.free, r.s, nothing, (1.0, 0.0), (0.0, 1.0))
+    )
+
+
+@jit
+def _stuck(par: Array, r: Reduced, spring: Two, damper: Two, push: Two, sides: Sides) -> Instant:
+    """At rest: friction, or what else holds a component, takes whatever keeps it there."""
+    law = model.law(par)
+    x = hold(r.free, r.s, (2, 2), (0.0, 0.0)).q0
+    friction = (x[0] if sides[0] == 0 else 0.0, x[1] if sides[1] == 0 else 0.0)
+    c = plus(r.base, along(r, x[0], x[1]))
+    normal = contact(law, c).normal
+    q = friction[1] / law.radius
+    return Instant(
+        (0.0, 0.0), spring, damper, friction, (x[0] - friction[0], x[1] - friction[1]),
+        (push[0] + x[0], push[1] + x[1]), c, normal,
+        math.sqrt(friction[0] * friction[0] + q * q), limit(law, par, 0.0, normal), 0.0, False,
+    )  # fmt: skip
+
+
+@jit
+def _held(
+    par: Array, y: Array, r: Reduced, spring: Two, damper: Two, push: Two, sides: Sides
+) -> Instant:
+    """Sliding, with a component held."""
+    return _sliding(par, y, r, spring, damper, push, hold(r.free, r.s, sides, (0.0, 0.0)))
+
+
+@inline
+def _sliding(
+    par: Array, y: Array, r: Reduced, spring: Two, damper: Two, push: Two, held: Held
+) -> Instant:
+    """Sliding: friction of full size against the slip velocity."""
+    law = model.law(par)
+    f, m, traction, jammed = 0.0, 0.0, 0.0, False
     v, w = y[at.SLIDE], law.radius * y[at.SPIN]
     slip = math.sqrt(v * v + w * w)
     if law.on and slip > 0.0:
         g, k = -v / slip, -law.radius * w / slip  # (f1f, m1f) of r = 1
         b = plus(r.base, along(r, held.q0[0], held.q0[1]))
         d = along(r, held.q1[0] * g + held.q2[0] * k, held.q1[1] * g + held.q2[1] * k)
-        traction, jammed = sliding_force(law, par, b, d, slip)
-        if jammed:
-            traction = 0.0
-        friction = (traction * g, traction * k)
-        stiffness = traction * (held.s[0] + law.radius * law.radius * held.s[2]) / slip
-    f, m = friction
+        traction, jammed, _ = least_traction(law, par, b, d, 1.0, slip, math.inf)
+        if jammed or traction == math.inf:
+            traction, jammed = 0.0, True
+        f, m = traction * g, traction * k
     x = (
         held.q0[0] + held.q1[0] * f + held.q2[0] * m,
         held.q0[1] + held.q1[1] * f + held.q2[1] * m,
@@ -220,9 +176,8 @@ def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Si
         held.free[1] + held.s[1] * f + held.s[2] * m,
     )
     return Instant(
-        p, a, spring, damper, friction, (x[0] - f, x[1] - m), (push[0] + x[0], push[1] + x[1]),
-        c, contact(law, c).normal, traction, traction, slip, stiffness,
-        jammed,
+        a, spring, damper, (f, m), (x[0] - f, x[1] - m), (push[0] + x[0], push[1] + x[1]),
+        c, contact(law, c).normal, traction, traction, slip, jammed,
     )  # fmt: skip
 
 
@@ -247,7 +202,8 @@ def from_rest(
 ) -> tuple[int, Two]:
     """Regime at rest, and the acceleration (l'', alpha'') with which it breaks away."""
     law = model.law(par)
-    _, r, _, _, _ = _free_of(par, joint, t, y)
+    _, _, push = forces_on(par, joint, y)
+    r = pushed(equations(par, joint, t, y), push[0], push[1])
     held = hold(r.free, r.s, sides, (0.0, 0.0))
     if not law.on:
         return FRICTIONLESS, held.free
@@ -259,3 +215,29 @@ def from_rest(
     if found.regime == STICK:
         return STICK, (0.0, 0.0)
     return SLIP, (found.s_end[0] / tau, found.s_end[1] / (tau * law.radius))
+
+
+@jit
+def carries_on(par: Array, joint: Array, t: float, y: Array, sides: Sides, a: Two) -> bool:
+    """Whether the slip that begins from rest with accelerations ``a`` goes on as it begins.
+
+    Where a direction has two tractions P = limit(FN(P)), only the lesser lasts (`least_traction`):
+    slip that needs the greater turns away at once, and jams. What lasts draws its neighbours in.
+    """
+    radius = model.law(par).radius
+    v, w = INSTANT * a[0], INSTANT * radius * a[1]
+    lasts, rounding = True, 0.0
+    for side in (-1, 1, 0):  # neighbours first: they show how large its forces are
+        y[at.SLIDE], y[at.SPIN] = v - side * ASIDE * w, (w + side * ASIDE * v) / radius
+        i = instant(par, joint, t, y, False, sides)
+        b1, b2 = i.acceleration[0] - a[0], radius * (i.acceleration[1] - a[1])
+        apart = math.sqrt(b1 * b1 + b2 * b2)
+        if side == 0:
+            lasts = lasts and apart <= SAME * math.sqrt(v * v + w * w) / INSTANT + rounding
+        else:
+            rounding = max(rounding, 0.01 * apart)  # of its direction
+            if sides[0] == 0 and sides[1] == 0:
+                lasts = lasts and side * (v * b2 - w * b1) <= 0.0
+        lasts = lasts and not i.jammed
+    y[at.SLIDE] = y[at.SPIN] = 0.0
+    return lasts

@@ -42,17 +42,18 @@ def apply(par: Array, joint: Array, t: float, y: Array, n: int, x: Two, friction
 
 
 @jit
-def bring_to_rest(par: Array, joint: Array, t: float, y: Array, n: int, sides: Sides) -> None:
-    """Stop the components of ``sides`` != 0 by what it takes: a jam, or a lock."""
+def bring_to(
+    par: Array, joint: Array, t: float, y: Array, n: int, sides: Sides, rates: Two
+) -> None:
+    """Give the components of ``sides`` != 0 these rates by what impulse it takes: jams, locks."""
     p = place(par, joint, t, y)
     r = eliminated(inertia_at(par, p), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    x = hold((y[at.SLIDE], y[at.SPIN]), r.s, sides, (0.0, 0.0)).q0
+    x = hold((y[at.SLIDE], y[at.SPIN]), r.s, sides, rates).q0
     both = sides[0] != 0 and sides[1] != 0
     apply(par, joint, t, y, n, x, x if both else (0.0, 0.0))
-    if sides[0] != 0:
-        y[at.SLIDE] = 0.0
-    if sides[1] != 0:
-        y[at.SPIN] = 0.0
+    for k in range(2):
+        if sides[k] != 0:
+            y[at.SLIDE + k] = rates[k]
 
 
 @jit

@@ -14,12 +14,13 @@ import math
 from typing import Final
 
 from cylconn_ros.core import model
+from cylconn_ros.core.bounds import Two, imposed
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.layout import STICK
 from cylconn_ros.core.vectors import norm
 from cylconn_ros.methods import minimal_place as at
-from cylconn_ros.methods.minimal_forces import Instant, Sides, from_rest, instant
+from cylconn_ros.methods.minimal_forces import Instant, Sides, carries_on, from_rest, instant
 from cylconn_ros.methods.minimal_rates import rates_at
 from cylconn_ros.methods.minimal_steps import State, step
 
@@ -37,7 +38,7 @@ REST = 1e-8  # of the greatest slip rate since it began
 SHARE = 0.9  # of the time to rest that a step may take
 NUDGE = 1e-8  # s, from rest to a slip that has a direction
 CLOSED = 1e-12  # m or rad, of a gap
-LOW = 1e-14  # m or rad: a bounce as low is none
+LOW = 1e-14  # m or rad: a bounce as low is none, nor is one within the tolerance
 
 # events that are watched within a step
 GAPS: Final = 0  # 4: slide low, high, spin low, high; of a closed one its reaction
@@ -48,7 +49,9 @@ WATCHED: Final = 7
 
 
 @jit
-def watch(par: Array, i: Instant, y: Array, s: State, passing: float, seen: Array) -> int:
+def watch(
+    par: Array, joint: Array, t: float, i: Instant, y: Array, s: State, passing: float, seen: Array
+) -> int:
     """Fill ``seen``: each event's function, negative once it has happened; how many have."""
     for k in range(2):
         x = y[at.LENGTH + k]
@@ -60,6 +63,11 @@ def watch(par: Array, i: Instant, y: Array, s: State, passing: float, seen: Arra
         elif s.sides[k] != 2:
             seen[low] = 1e-12 * abs(i.total[k]) - s.sides[k] * i.reaction[k]
     seen[STICKS] = i.limit * (1.0 + 1e-12) - i.traction if s.stuck else math.inf
+    if s.until > -math.inf:
+        seen[STICKS] = math.inf
+    elif s.held:
+        stuck, _, _, held = settled(par, joint, t, y, s.locked, True)
+        seen[STICKS] = 1.0 if held and stuck else -1.0
     seen[LOCK_AT] = seen[LOCK_FORCE] = math.inf
     if par[model.LOCK] != 0.0 and not s.locked:
         k = int(par[model.LOCK]) - 1
@@ -91,7 +99,7 @@ def located(
                 h = 0.5 * (low + high)
         step(par, joint, t, y, h, s, slip, k, new, system)
         i = rates_at(par, joint, t + h, new, s.stuck, s.sides, k[k.shape[0] - 1])
-        watch(par, i, new, s, passing, end)
+        watch(par, joint, t + h, i, new, s, passing, end)
         g = end[event]
         if g < 0.0:
             high, g_high = h, g
@@ -104,8 +112,8 @@ def located(
 
 @jit
 def _candidates(par: Array, y: Array, k: int, locked: bool) -> int:
-    """2: locked; -1, 1: may rest on that stop; 0: free."""
-    if locked and int(par[model.LOCK]) - 1 == k:
+    """2: locked, or its motion imposed; -1, 1: may rest on that stop; 0: free."""
+    if (locked and int(par[model.LOCK]) - 1 == k) or imposed(par, k):
         return 2
     if y[at.SLIDE + k] != 0.0:
         return 0
@@ -119,7 +127,28 @@ def _candidates(par: Array, y: Array, k: int, locked: bool) -> int:
 @jit
 def settled(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
-) -> tuple[bool, Sides, tuple[float, float]]:
+) -> tuple[bool, Sides, Two, bool]:
+    """Whether it sticks, what holds, with what accelerations it goes on, and whether by force.
+
+    Where stick exceeds what friction may, but slip would jam as soon as it began, it sticks as jams
+    without end would have it: ``held``.
+    """
+    stuck, sides, a = _settled(par, joint, t, y, locked, was_stick)
+    if not model.law(par).on or stuck or y[at.SLIDE] != 0.0 or y[at.SPIN] != 0.0:
+        return stuck, sides, a, False
+    if carries_on(par, joint, t, y, sides, a):
+        return False, sides, a, False
+    if not was_stick:
+        stuck, sides, a = _settled(par, joint, t, y, locked, True)
+        if stuck:
+            return True, sides, a, False
+    return True, sides, (0.0, 0.0), True
+
+
+@jit
+def _settled(
+    par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
+) -> tuple[bool, Sides, Two]:
     """Whether it sticks, which stops hold, and with what accelerations it goes on.
 
     A stop rests on nothing where friction holds it; it holds with a reaction that pushes.
@@ -179,7 +208,8 @@ def nudged(
 
 
 @jit
-def slowest(joint: Array, i: Instant) -> float:
-    """The longest step while stuck: a tenth of a radian of the bodies' turning."""
-    w = norm(i.place.a.spin)
-    return 0.1 / w if w > 0.0 else math.inf
+def slowest(joint: Array, y: Array, held: bool) -> float:
+    """The longest step while stuck: a tenth of a radian of the bodies' turning, or a hundredth."""
+    free = joint[at.MODE] == at.BOTH_FREE
+    w = norm(model.vector(y, at.A_SPIN) if free else model.vector(joint, at.PRESCRIBED + 10))
+    return (0.01 if held else 0.1) / w if w > 0.0 else math.inf

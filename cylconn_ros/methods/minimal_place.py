@@ -65,7 +65,14 @@ AXES_B: Final = 20  # node b's orientation in body B, 4
 LOADS: Final = 24  # force, torque about the frame's origin, on A, on B: 12, world axes
 HELD_TORQUE: Final = 36  # whether the loads' torques about the mass centres are held instead
 CONSTITUTIVE: Final = 37  # l1ref, theta1ref
-NJOINT: Final = 39
+SHAFT: Final = (
+    39  # whether the lean equations hold (methods/minimal_shaft.py), and their constants:
+)
+TURNING: Final = 40  # of l'', alpha'', base 4: k0 k1 k2 k3 each
+MOBILITY: Final = 64  # S, 3
+BY_F1: Final = 67  # 4
+BY_M1: Final = 71  # 4
+NJOINT: Final = 75
 
 A_MOVES: Final = 0  # A moves by itself, B is free
 B_MOVES: Final = 1

@@ -1,17 +1,23 @@
 """What an integrated motion is at given times, a row of numbers each."""
 
+import math
 from typing import Final
+
+import numpy as np
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Body, Motion
 from cylconn_ros.core.compiled import entry_that_allocates, jit
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.observe import observe
 from cylconn_ros.core.vectors import cross, matrix, out_of, sub
 from cylconn_ros.methods import minimal_rates as rates
-from cylconn_ros.methods.minimal_forces import instant
+from cylconn_ros.methods.minimal_forces import instant_of
 from cylconn_ros.methods.minimal_integrate import Ran, integrate
+from cylconn_ros.methods.minimal_place import place, reduced
 from cylconn_ros.methods.minimal_rates import size_of
+from cylconn_ros.methods.minimal_start import begin_imposed, start
 from cylconn_ros.methods.minimal_steps import State
 
 # --- a row: poses and twists of both bodies as in a sample, and then ---
@@ -41,9 +47,10 @@ def _put_body(row: Array, first: int, body: Body, m: Motion) -> None:
 @jit
 def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) -> None:
     """Fill ``row`` (WIDTH,) for the coordinates y at t."""
-    i = instant(par, joint, t, y, s.stuck, s.sides)
-    _put_body(row, out_at.A_POSE, model.body(par, model.BODY_A), i.place.a)
-    _put_body(row, out_at.B_POSE, model.body(par, model.BODY_B), i.place.b)
+    p = place(par, joint, t, y)
+    i = instant_of(par, joint, y, reduced(par, joint, y, p), s.stuck, s.sides)
+    _put_body(row, out_at.A_POSE, model.body(par, model.BODY_A), p.a)
+    _put_body(row, out_at.B_POSE, model.body(par, model.BODY_B), p.b)
     for k in range(4):
         row[COORDINATES + k] = y[k]
     f, c = FORCES, i.constraint
@@ -60,13 +67,24 @@ def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) 
 
 
 @entry_that_allocates
+def begin(par: Array, sample: Array, joint: Array, y: Array) -> None:
+    """Fill ``joint`` (NJOINT,) and ``y`` from the first sample (NSAMPLE,), as the scene says."""
+    mem = np.zeros(model.NMEM)
+    observed = observe(par, mem, sample, np.zeros(out_at.NOUT))
+    start(par, mem, sample, observed, False, joint, y)
+    begin_imposed(par, joint, y)
+
+
+@entry_that_allocates
 def trajectory(
     par: Array, joint: Array, y: Array, times: Array, tolerance: float, first: float,
     rows: Array, log: Array, most: int,
 ) -> Ran:  # fmt: skip
     """Integrate from 0 through ``times`` (N,), ascending, and fill ``rows`` (N, WIDTH)."""
-    ran = Ran(0.0, State(False, (0, 0), False, False), 0, 0, True)
-    evaluations = 0
+    ran = Ran(
+        0.0, State(False, (0, 0), False, False, False, -math.inf), 0, 0, True, False, math.inf
+    )
+    evaluations, coarse = 0, math.inf
     for k in range(times.shape[0]):
         s = ran.state
         ran = integrate(
@@ -74,7 +92,8 @@ def trajectory(
             most,
         )  # fmt: skip
         evaluations += ran.evaluations
+        coarse = min(coarse, ran.coarse)
         if not ran.complete:
             break
         put_row(par, joint, times[k], y, ran.state, rows[k])
-    return Ran(ran.t, ran.state, ran.events, evaluations, ran.complete)
+    return Ran(ran.t, ran.state, ran.events, evaluations, ran.complete, ran.blocked, coarse)

@@ -1,15 +1,31 @@
 """From a sample to the scene's own coordinates."""
 
 import math
+from typing import Final
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Motion
+from cylconn_ros.core.bounds import imposed
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.observe import Observed
 from cylconn_ros.core.vectors import cross, matrix, out_of, sub
 from cylconn_ros.methods import minimal_place as at
+from cylconn_ros.methods.minimal_impacts import bring_to
+from cylconn_ros.methods.minimal_shaft import prepare
+
+LIVE: Final = 1e-9
+OFFLINE: Final = 1e-12
+
+
+@jit
+def tolerance_of(par: Array, otherwise: float) -> float:
+    """The tolerance of a step: what the scene's leads to, or ``otherwise`` if it states none.
+
+    LIVE, the error is far below what a held wrench leaves; OFFLINE, the solution is a reference.
+    """
+    return par[model.TOLERANCE] if par[model.TOLERANCE] > 0.0 else otherwise
 
 
 @jit
@@ -20,6 +36,20 @@ def mode_of(par: Array) -> int:
     if par[model.BODY_B] == 0.0:
         return at.B_MOVES
     return at.BOTH_FREE
+
+
+@jit
+def begin_imposed(par: Array, joint: Array, y: Array) -> None:
+    """Put imposed motions into the coordinates: their position, and by an impulse their rate."""
+    sides = (2 if imposed(par, 0) else 0, 2 if imposed(par, 1) else 0)
+    if sides == (0, 0):
+        return
+    for k in range(2):
+        at_k = model.COMMAND + 3 * k
+        y[at.LENGTH + k] = model.given(par[at_k], y[at.LENGTH + k])
+    rates = (model.given(par[model.COMMAND + 1], 0.0), model.given(par[model.COMMAND + 4], 0.0))
+    n = 17 if joint[at.MODE] == at.BOTH_FREE else 4
+    bring_to(par, joint, 0.0, y, n, sides, rates)
 
 
 @jit
@@ -73,3 +103,4 @@ def start(
     y[at.SPIN] = math.cos(swing) * w[0] - share * m3 * w[1] + share * m2 * w[2]
     if mode == at.BOTH_FREE:
         _put_motion(y, at.A_COM, o.a)
+    prepare(par, joint, y)

@@ -9,11 +9,10 @@ from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.methods import minimal_place as at
 from cylconn_ros.methods.minimal_forces import Sides
-from cylconn_ros.methods.minimal_rates import rates_at, size_of
+from cylconn_ros.methods.minimal_rates import rates_of_stage, size_of
 from cylconn_ros.methods.minimal_stiff import stiff_error, stiff_step
-from cylconn_ros.methods.minimal_tableau import E3, E5, STAGES, A, B, C
+from cylconn_ros.methods.minimal_tableau import AT_END, E3, E5, STAGES, A, B, C
 
-SMALLEST = 1e-18  # s, of a step: where the force is not finite at that, it jams
 DIRECTION = 1e-3  # of the slip rate, by which a step may change its direction wrongly
 
 
@@ -24,6 +23,8 @@ class State(NamedTuple):
     sides: Sides
     locked: bool
     stiff: bool
+    held: bool  # stuck beyond what friction may, since slip would jam at once
+    until: float  # s: stuck until then whatever may be, for the sake of progress
 
 
 class Tried(NamedTuple):
@@ -44,23 +45,23 @@ def step(
     if s.stiff:
         radius = model.law(par).radius
         return stiff_step(par, joint, t, y, h, s.sides, slip, radius, k, new, system)
-    size = y.shape[0]
-    row = 0
+    n, row = size_of(joint), 0  # the equations know nothing of the integrals
     for stage in range(1, STAGES):
         row += stage - 1
-        new[:] = y
+        for i in range(n):
+            new[i] = y[i]
         for j in range(stage):
             share = h * A[row + j]
             if share != 0.0:
-                for i in range(size):
+                for i in range(n):
                     new[i] += share * k[j, i]
-        if rates_at(par, joint, t + C[stage] * h, new, s.stuck, s.sides, k[stage]).jammed:
+        if rates_of_stage(par, joint, t + C[stage] * h, new, s.stuck, s.sides, k[stage]):
             return False
     new[:] = y
     for j in range(STAGES):
         share = h * B[j]
         if share != 0.0:
-            for i in range(size):
+            for i in range(y.shape[0]):
                 new[i] += share * k[j, i]
     return True
 
@@ -85,38 +86,63 @@ def _error(y: Array, new: Array, k: Array, h: float, n: int, tolerance: float, s
 
 
 @jit
+def stiffness_shown(h: float, slip: float, radius: float, k: Array) -> float:
+    """How fast friction pulls the direction of slip into place, 1/s, as an explicit step shows it.
+
+    Its last stage (k[STAGES - 1]) and the whole of it (k[STAGES]) are at the same time, a little
+    apart.
+    """
+    last = STAGES - 1
+    v, w = B[last] * k[last, at.SLIDE], B[last] * k[last, at.SPIN]
+    for stage in range(last):
+        v += AT_END[stage] * k[stage, at.SLIDE]
+        w += AT_END[stage] * k[stage, at.SPIN]
+    apart = h * math.sqrt(v * v + (radius * w) ** 2)
+    if apart <= 1e-14 * slip:  # rounding
+        return 0.0
+    a, b = k[STAGES, at.SLIDE] - k[last, at.SLIDE], k[STAGES, at.SPIN] - k[last, at.SPIN]
+    return math.sqrt(a * a + (radius * b) ** 2) / apart
+
+
+@jit
 def ahead(
     par: Array, joint: Array, t: float, y: Array, h: float, s: State, slip: float,
-    tolerance: float, before: Two, k: Array, new: Array, system: Array,
+    least: float, floor: float, tolerance: float, before: Two, k: Array, new: Array,
+    system: Array,
 ) -> Tried:  # fmt: skip
     """A step of at most h within tolerance into ``new``.
 
     ``slip`` at its start; the two rates may not be off by more than a share of it whatever the
-    tolerance, so that slow slip keeps its direction. ``before`` (length and error of the last
-    step, 0: none) tells the trend: towards rest each step is shorter than the last (Gustafsson's
-    predictive controller).
+    tolerance, so that slow slip keeps its direction. ``least``: where no step of this length has
+    finite forces, none has; ``floor``: where none is within tolerance, it is taken. ``before``
+    (length and error of the last step, 0: none) tells the trend: towards rest each step is shorter
+    than the last (Gustafsson's predictive controller).
     """
-    n, evaluations, made = size_of(joint), 0, True
+    n, evaluations, failed = size_of(joint), 0, False
     law = model.law(par)
     slow = (math.inf, math.inf)
     if law.on and not s.stuck and slip > 0.0:
         slow = (DIRECTION * slip, DIRECTION * slip / law.radius)
     power = -0.25 if s.stiff else -0.125
-    while made or h >= SMALLEST:
-        made = step(par, joint, t, y, h, s, slip, k, new, system)
+    while True:
         evaluations += 30 if s.stiff else STAGES
-        e = math.inf
-        if made:
-            e = (
-                stiff_error(y, new, k, n, tolerance, slow)
-                if s.stiff
-                else _error(y, new, k, h, n, tolerance, slow)
-            )
-        if e <= 1.0 or (made and h < SMALLEST):
+        if not step(par, joint, t, y, h, s, slip, k, new, system):
+            failed = True
+            if h <= max(least, floor):
+                return Tried(0.0, h, math.inf, evaluations)
+            h = max(0.25 * h, min(h, floor))
+            continue
+        e = (
+            stiff_error(y, new, k, n, tolerance, slow)
+            if s.stiff
+            else _error(y, new, k, h, n, tolerance, slow)
+        )
+        if e <= 1.0 or h <= max(least, floor):
             grown = min(10.0, 0.9 * e**power) if e > 0.0 else 10.0
             if before[0] > 0.0 and before[1] > 0.0 and e > 0.0:
                 trend = 0.9 * h / before[0] * (before[1] / e) ** -power * e**power
                 grown = min(grown, trend)
+            if failed:  # what lies ahead is near
+                grown = min(grown, 1.0)
             return Tried(h, h * max(grown, 0.2), e, evaluations)
-        h *= max(0.2, 0.9 * e**power) if e < math.inf else 0.25
-    return Tried(0.0, h, math.inf, evaluations)
+        h = max(h * max(0.2, 0.9 * e**power), min(h, floor)) if e < math.inf else 0.25 * h

@@ -56,6 +56,17 @@ def jacobian(
 
 
 @jit
+def stiffness(
+    par: Array, joint: Array, t: float, y: Array, sides: Sides, slip: float, radius: float,
+    k: Array,
+) -> float:  # fmt: skip
+    """How fast friction pulls the direction of slip into place, 1/s; k[0]: the rates there."""
+    j = jacobian(par, joint, t, y, sides, slip, radius, k)
+    across = (j[1] / radius) ** 2 + (j[2] * radius) ** 2
+    return math.sqrt(j[0] * j[0] + across + j[3] * j[3])
+
+
+@jit
 def _solve6(m: Array) -> None:
     """Solve the 6x6 system of m (6, 7), in place: the solution is its last column."""
     for p in range(6):

@@ -107,17 +107,9 @@ def within(
     )
     for choice in range(18):
         side1, side2, rests = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3], choice >= 9
-        if fixed1:
-            if side1 != 0:
-                continue
-            side1 = -1
-        elif (side1 < 0 and b1.low == -math.inf) or (side1 > 0 and b1.high == math.inf):
-            continue
-        if fixed2:
-            if side2 != 0:
-                continue
-            side2 = -1
-        elif (side2 < 0 and b2.low == -math.inf) or (side2 > 0 and b2.high == math.inf):
+        offered1, side1 = _offered(b1, side1)
+        offered2, side2 = _offered(b2, side2)
+        if not (offered1 and offered2):
             continue
         found = best
         if side1 != 0 or side2 != 0 or rests:
@@ -129,6 +121,15 @@ def within(
         if wrong <= 0.0:
             break
     return best, best_sides
+
+
+@inline
+def _offered(b: Bounds, side: int) -> tuple[bool, int]:
+    """Whether ``side`` is a choice, and which bound it stands for: a fixed rate is just one."""
+    if b.low == b.high:
+        return side == 0, -1
+    none = (side < 0 and b.low == -math.inf) or (side > 0 and b.high == math.inf)
+    return not none, side
 
 
 @inline
