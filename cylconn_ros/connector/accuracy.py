@@ -15,21 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.closed_loop import Chosen, closed_loop
+from cylconn_ros.connector.packing import step_tolerance
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 
 Array = NDArray[np.float64]
 
-SHARE = 0.01  # of the tolerance, for the steps of minimal: on all scenes measured 0.05 is enough
-LEAST = 1e-13  # tolerance of a step; below it is rounding
 SAFETY = 2.0  # on the error of n substeps estimated from 2n
 MOST_SUBSTEPS = 1024
-
-
-def step_tolerance(tolerance: float) -> float:
-    """The tolerance of minimal's steps that keeps the motion within ``tolerance``."""
-    return max(SHARE * tolerance, LEAST)
 
 
 def motion(scene: Scene, steps: int) -> tuple[Array, Chosen]:

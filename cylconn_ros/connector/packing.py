@@ -5,7 +5,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.accuracy import step_tolerance
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Body, Friction, Node, Scene
 from cylconn_ros.core import model
@@ -13,6 +12,8 @@ from cylconn_ros.core import model
 Array = NDArray[np.float64]
 
 COARSE = 1e-3  # a tolerance that impulse keeps up to some hundredths of a radian a sample
+SHARE = 0.01  # of the tolerance, for the steps of minimal: on all scenes measured 0.05 is enough
+LEAST = 1e-13  # tolerance of a step; below it is rounding
 
 
 def choose_method(scene: Scene) -> str:
@@ -25,6 +26,11 @@ def choose_method(scene: Scene) -> str:
     if "unknown" in (scene.body_a.kind, scene.body_b.kind):
         return "penalty"
     return "minimal" if 0.0 < scene.tolerance < COARSE else "impulse"
+
+
+def step_tolerance(tolerance: float) -> float:
+    """What minimal's steps must keep for the motion to be within ``tolerance``; 0: none given."""
+    return max(SHARE * tolerance, LEAST) if tolerance > 0.0 else 0.0
 
 
 def pack(scene: Scene, *, plant: bool = False) -> Array:
@@ -92,7 +98,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
     par[model.REST_RATE] = scene.friction.rest_rate
     par[model.LATENCY] = 0.0 if plant else scene.latency
-    par[model.TOLERANCE] = step_tolerance(scene.tolerance) if scene.tolerance > 0.0 else 0.0
+    par[model.TOLERANCE] = step_tolerance(scene.tolerance)
     par[model.TABLE :] = table
     return par
 
