@@ -17,7 +17,9 @@ from browser import Page, browser
 from cylconn_ros.cli.main import main
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.recording.errors import RecordingError
+from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.reader import Run, read_run
+from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.report import decimate, gather, page, payload
 from cylconn_ros.report.panels import PANELS, States
 from cylconn_ros.report.sparkline import sparkline, strip
@@ -305,6 +307,21 @@ def test_the_command_says_what_it_wrote(
     assert main(["report", str(recording), "-o", str(tmp_path / "r.pdf")]) == 2
     assert main(["report", str(recording), "-o", str(tmp_path / "no" / "r.html")]) == 2
     assert "No such file or directory" in capsys.readouterr().err
+
+
+def test_a_recording_of_inputs_alone_is_sent_to_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pose = TopicInfo("/body_b/pose", "geometry_msgs/msg/PoseStamped")
+    with RunWriter(tmp_path / "inputs", [pose], {}):
+        pass
+    (tmp_path / "sqlite").mkdir()
+    (tmp_path / "sqlite" / "bag.db3").touch()
+    for name, why in (("inputs", "no states of a connector"), ("sqlite", "not an MCAP recording")):
+        assert main(["report", str(tmp_path / name)]) == 2
+        error = capsys.readouterr().err
+        assert why in error
+        assert f"cylconn replay {tmp_path / name} -o RUN" in error
 
 
 # In a browser

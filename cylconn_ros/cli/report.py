@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page; 1 if the recording is not whole or holds states that cannot be decoded."""
-    recorded = read_run(options.recording)
+    recorded = _read(options.recording)
     name = options.recording.resolve().with_suffix("").name
     output = options.output or Path(f"{name}.html")
     if output.suffix not in (".html", ".htm"):
@@ -65,6 +65,17 @@ def run(options: argparse.Namespace) -> int:
     for note in found.notes:
         print(f"note        {note}")
     return 0 if recorded.incomplete is None and not recorded.state.undecodable else 1
+
+
+def _read(path: Path) -> Run:
+    """Read a run; of a recording without a connector's states, say what makes one of it."""
+    elsewhere = f"cylconn replay {path} -o RUN makes a run of a recording of inputs"
+    if path.suffix == ".db3" or (path.is_dir() and any(path.glob("*.db3"))):
+        raise CommandError(f"{path}: is not an MCAP recording; {elsewhere}")
+    recorded = read_run(path)
+    if "cylconn_ros/msg/ConnectorState" not in recorded.types.values():
+        raise CommandError(f"{path}: holds no states of a connector; {elsewhere}")
+    return recorded
 
 
 def facts(found: Results, recorded: Run) -> list[Fact]:

@@ -63,8 +63,11 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
     rows, time = rows[within], time[within]
     if len(time) < len(within):
         notes.append(f"Only {time[0]:.6g} to {time[-1]:.6g} s of {table.time.max():.6g} s.")
+    # Of a long run without gaps in the order: views, not a second copy.
+    whole = int(rows[-1] - rows[0]) + 1 == len(rows)
+    taken = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
     fields = {
-        name: values[rows] for name, values in table.columns.items() if values.dtype != object
+        name: values[taken] for name, values in table.columns.items() if values.dtype != object
     }
     bad = sum(
         not bool(np.isfinite(v).all(axis=tuple(range(1, v.ndim))).all()) for v in fields.values()
