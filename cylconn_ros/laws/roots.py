@@ -120,9 +120,10 @@ def last_root(c: Curve, tables: Sequence[Table]) -> Array:
     lesser, _ = c.ends
     slow = np.min(np.where(c.along != 0.0, np.abs(c.along), np.inf), axis=1)
     base = contact_at(c.problem, np.zeros_like(c.along))
-    far = slow / np.maximum(limit(c.problem.parameters, tables, slow, base), 1e-300)
+    resting = np.maximum(limit(c.problem.parameters, tables, slow, base), 1e-300)
+    far, beyond_all = slow / resting, rigid.norm(c.along) / resting
     high = np.log(np.where(c.endless, 1e-16 * far, 1e-13 * lesser))
-    top = np.log(1e4 * np.maximum(far, c.ends[1]))
+    top = np.log(1e4 * np.maximum(beyond_all, c.ends[1]))
     found = np.zeros(len(high), dtype=np.bool_)
     for _ in range(MOST_STEPS):
         if not (~found & (high <= top)).any():
