@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Page, browser
+from test_replay import odometry_bag
 
 from cylconn_ros.cli.main import main
+from cylconn_ros.connector.scene import shipped
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
@@ -24,6 +26,7 @@ from cylconn_ros.report import decimate, gather, page, payload
 from cylconn_ros.report.panels import PANELS, States
 from cylconn_ros.report.sparkline import sparkline, strip
 
+BAGS = Path(__file__).resolve().parent.parent / "bags"
 KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
 
 
@@ -191,6 +194,30 @@ def test_the_3d_view_knows_where_the_bodies_are(run: Run) -> None:
     assert (geometry.radius, geometry.overlap, geometry.up) == (0.02, 0.08, (0.0, 0.0, 1.0))
 
 
+def test_poses_are_found_under_other_names_and_types(tmp_path: Path) -> None:
+    odometry_bag(tmp_path / "bag", uneven=False)
+    options = ["--params", str(shipped("demo")), "--remap", "body_b/odom:=/robot/sleeve"]
+    options += ["--set", "input=odometry", "--set", "body_b.frame=sleeve"]
+    assert main(["replay", str(tmp_path / "bag"), *options, "-o", str(tmp_path / "run")]) == 0
+    found = gather.gather(read_run(tmp_path / "run"))
+    centre = found.geometry.centre
+    assert centre is not None
+    slot = gather.rotate(found.geometry.axes, np.array([1.0, 0.0, 0.0]))
+    node_b = found.geometry.origin + np.asarray(found.states("length"))[:, None] * slot
+    apart = np.linalg.norm(centre - node_b, axis=1)
+    np.testing.assert_allclose(apart, np.hypot(1.2e-3, np.hypot(1.8e-3, 1.0e-3)), rtol=1e-3)
+
+
+def test_stops_of_a_real_recording_are_shown() -> None:
+    run = read_run(BAGS / "stop_impact")
+    packed = Packed(*payload.build(gather.gather(run)))
+    stop = packed.head["events"]["stop"]
+    np.testing.assert_array_equal(packed(stop["bits"]), run.state["stop"])
+    assert set(packed(stop["bits"])) == {0, 1, 2}
+    assert stop["names"][:2] == ["stop l min", "stop l max"]
+    assert packed.head["geometry"]["stops"] == [0.0, 0.1]
+
+
 def test_what_is_wrong_with_the_samples_is_said(run: Run) -> None:
     state = run.state
     columns = dict(state.columns)
@@ -299,10 +326,7 @@ def test_the_command_says_what_it_wrote(
     text = output.read_text()
     assert "<title>The last &lt;metre&gt;</title>" in text
     assert "friction.coefficient: 0.2" in text
-    assert (
-        main(["report", str(Path(__file__).parent.parent / "bags" / "lossy"), "-o", str(output)])
-        == 0
-    )
+    assert main(["report", str(BAGS / "lossy"), "-o", str(output)]) == 0
     assert "repeat or go back: samples 1." in capsys.readouterr().out
     assert main(["report", str(recording), "-o", str(tmp_path / "r.pdf")]) == 2
     assert main(["report", str(recording), "-o", str(tmp_path / "no" / "r.html")]) == 2
@@ -371,6 +395,22 @@ built.all.map((one) => {
 """
 
 
+# For every plot, the colour most frequent in the columns at two shares of its width.
+BEHIND = """
+built.all.filter((one) => one.panel).map((one) => {
+  const canvas = one.parts.base, context = canvas.getContext("2d");
+  const plot = report.plotArea(one.parts.stage.clientWidth, one.parts.stage.clientHeight);
+  const most = (share) => {
+    const x = Math.round(plot.left + share * plot.width) + 3, count = new Map();
+    const { data } = context.getImageData(x, plot.top, 1, Math.floor(plot.height));
+    for (const pixel of new Uint32Array(data.buffer)) count.set(pixel, (count.get(pixel) ?? 0) + 1);
+    return [...count].sort((a, b) => b[1] - a[1])[0][0];
+  };
+  return [one.panel.key, most(0.3), most(0.97)];
+})
+"""
+
+
 def place(opened: Page, key: str, share: float) -> tuple[float, float]:
     """A point in a plot, at a share of its width."""
     box = opened.run(
@@ -399,6 +439,15 @@ def test_every_plot_has_its_curves(chromium: Page, report: Path, dark: bool) -> 
     page_colour = chromium.run("getComputedStyle(document.body).backgroundColor")
     red = int(re.findall(r"\d+", page_colour)[0])
     assert red < 60 if dark else red > 200
+
+
+def test_bands_tell_stick_from_slip_behind_every_plot(opened: Page) -> None:
+    behind = opened.run(BEHIND)
+    assert len(behind) > 10
+    assert [key for key, slip, stick in behind if slip == stick or not slip or not stick] == []
+    for at in (1, 2):  # the same tint wherever no area covers it
+        tints = [colours[at] for colours in behind]
+        assert tints.count(max(tints, key=tints.count)) >= len(behind) - 2
 
 
 def test_one_cursor_moves_every_value(opened: Page, run: Run) -> None:
