@@ -10,6 +10,8 @@
            what each feature costs
   stability  the map of hard conditions: who survives how much of each, of our methods, of
            MuJoCo and of what people write by hand
+  node     delay and CPU time of a sample as a node, recording on and off, beside a usual rclpy
+           node and the least a node can do
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
 pip install '.[bench]'; an absent one is said to be absent. Exit code 1 where something
@@ -26,6 +28,7 @@ from typing import TYPE_CHECKING
 
 from cylconn_ros.cli import scenes
 from cylconn_ros.cli.errors import CommandError
+from cylconn_ros.cli.processes import private_environment
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.connector.scene import Scene, load
 
@@ -36,7 +39,7 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
     Part = Callable[[Settings], Findings]
 
 
-WHAT = ("kernel", "orders", "precision", "model", "stability")
+WHAT = ("kernel", "orders", "precision", "model", "stability", "node")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -222,6 +225,15 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
         return (("the lean and the full model of every scene", model.measure),)
     if what == "stability":
         return (("everybody under every condition", _stability),)
+    if what == "node":
+        from cylconn_ros.bench import node
+
+        return (
+            (
+                "nodes asked in turns",
+                lambda settings: node.measure(settings, private_environment()),
+            ),
+        )
     from cylconn_ros.bench import orders
 
     return (("orders and costs of every method", orders.measure),)

@@ -1,14 +1,16 @@
 """Write a run as a rosbag2 directory: one MCAP file (profile ros2) and its metadata.yaml.
 
-Who writes a message only lays it into a buffer. A thread of the run's own takes the buffer every
-:data:`INTERVAL`, compresses it and puts it on disk: long work, and nearly all of it in calls that
-let other threads go on. A killed process loses what came within about two intervals.
+Who writes a message only puts it into a queue. A thread of the run's own empties the queue every
+:data:`INTERVAL`, makes a chunk of it, compresses that and puts it on disk; it lets others go on
+after every few messages, and what takes long is done without the interpreter's lock. A killed
+process loses what came within about one interval.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -22,34 +24,44 @@ from .metadata import TopicInfo, bag_information, to_yaml
 
 METADATA_RECORD = "cylconn_ros"  # MCAP metadata record holding parameters, version, method
 
-INTERVAL = 0.04
+INTERVAL = 0.08
 """Seconds between chunks."""
 
-_CHUNK = 1 << 20  # bytes after which a chunk does not wait for its time
+_CHUNK = 1 << 20  # bytes of messages after which a chunk does not wait for its time
+_SLICE = 32  # pieces of the queue laid out in one go, for some hundred microseconds
 _BACKLOG = 1 << 26  # bytes that may wait for a slow disk
 _OPCODE = 0x05  # of a message
 _head, _entry, _REST = MESSAGE.pack, INDEX_ENTRY.pack, MESSAGE_REST
 
 
-class _Buffer:
-    """Messages that wait to become a chunk."""
-
-    def __init__(self, streams: Iterable[_Stream]) -> None:
-        self.records = bytearray()
-        self.index: dict[int, bytearray] = {}
-        for stream in streams:
-            self.index[stream.channel] = stream.index = bytearray()
+Message = tuple[str, bytes, int, int]
+"""Topic, bytes, log time and publish time (ns)."""
 
 
 class _Stream:
-    """A topic: its channel, its next sequence number, its entries in the open buffer's index."""
+    """A topic: its channel, and what became of its messages."""
 
-    __slots__ = ("channel", "index", "sequence", "topic")
+    __slots__ = ("accepted", "channel", "lost", "refused", "sequence", "topic")
 
     def __init__(self, topic: str, channel: int) -> None:
         self.topic, self.channel = topic, channel
-        self.sequence = 0
-        self.index = bytearray()
+        self.sequence = 0  # of the next in the file
+        self.accepted = 0
+        self.refused = 0  # not accepted
+        self.lost = 0  # accepted, but the disk then refused them
+
+
+class _Chunk:
+    """Messages as they will stand in the file."""
+
+    def __init__(self, channels: Iterable[int]) -> None:
+        self.records = bytearray()
+        self.index = {channel: bytearray() for channel in channels}
+
+    def times(self) -> tuple[int, int]:
+        """The first and the last log time, ns."""
+        entries = np.frombuffer(b"".join(self.index.values()), "<u8")[::2]
+        return int(entries.min()), int(entries.max())
 
 
 class RunWriter:
@@ -61,9 +73,6 @@ class RunWriter:
     Attributes
     ----------
         directory: the rosbag2 directory.
-        counts: messages accepted, per topic; without those the disk then refused.
-        lost: messages refused since the recording failed or was closed, by the disk, or because it
-            was too slow, per topic.
         failure: why the recording failed, or None.
     """
 
@@ -105,8 +114,6 @@ class RunWriter:
         found = {topic.type: defined[topic.type] for topic in topics}
 
         self.directory = Path(directory)
-        self.counts = dict.fromkeys(names, 0)
-        self.lost = dict.fromkeys(names, 0)
         self.failure: str | None = None
         self._topics = tuple(topics)
         self._metadata = {str(key): str(value) for key, value in metadata.items()}
@@ -127,12 +134,23 @@ class RunWriter:
             self._streams = self._register(found)
         except OSError as error:
             raise RecordingError(f"{self._path}: {error.strerror or error}") from error
-        self._buffer = _Buffer(self._streams.values())
+        self._queue: deque[Sequence[Message]] = deque()
+        self._came = self._gone = 0  # bytes of messages that came into the queue, and left it
         self._refusing = False  # failed or closed
-        self._lock = threading.Lock()  # of the buffer, the counts and the reasons to refuse
+        self._lock = threading.Lock()  # of the end of the recording
         self._wake = threading.Event()  # the thread shall not wait for the end of its interval
         self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
         self._thread.start()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages accepted, per topic; without those that the disk then refused."""
+        return {topic: s.accepted - s.lost for topic, s in self._streams.items()}
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Messages refused, per topic: by the disk, because it was too slow, or after the end."""
+        return {topic: s.refused + s.lost for topic, s in self._streams.items()}
 
     def _register(self, interfaces: Mapping[str, Interface]) -> dict[str, _Stream]:
         schemas = {
@@ -167,46 +185,44 @@ class RunWriter:
                 failure every further call raises and counts the message in ``lost``. What the disk
                 refuses is known within :data:`INTERVAL`, not in the same call.
         """
-        with self._lock:
-            stream = self._streams.get(topic)
-            if stream is None:
-                known = ", ".join(self.counts)
-                raise RecordingError(f"topic {topic} is not recorded here (only {known})")
-            records = self._buffer.records
-            at = len(records)
-            if at > _CHUNK:
-                at = self._hurry(stream)
-                records = self._buffer.records
-            if self._refusing:
-                raise self._refuse(stream)
-            records += _head(
-                _OPCODE, _REST + len(cdr), stream.channel, stream.sequence, log_time_ns,
-                publish_time_ns,
-            )  # fmt: skip
-            records += cdr
-            stream.index += _entry(log_time_ns, at)
-            stream.sequence += 1
-            self.counts[topic] += 1
+        self.write_all([(topic, cdr, log_time_ns, publish_time_ns)])
 
-    def _hurry(self, stream: _Stream) -> int:
-        """Have the buffer written now; its size. Raises RecordingError where too much waits."""
+    def write_all(self, messages: Sequence[Message]) -> None:
+        """Append messages, all of them or none; as :meth:`write` does, and may raise."""
+        streams = self._streams
+        try:
+            if self._came - self._gone > _CHUNK:
+                self._hurry()
+            if self._refusing:
+                raise RecordingError(self.failure or f"{self.directory}: recording is closed")
+            for topic, data, _, _ in messages:
+                streams[topic].accepted += 1
+                self._came += len(data)
+        except KeyError as unknown:
+            for topic, data, _, _ in messages:
+                if topic not in streams:
+                    break
+                streams[topic].accepted -= 1
+                self._came -= len(data)
+            known = ", ".join(streams)
+            raise RecordingError(
+                f"topic {unknown.args[0]} is not recorded here (only {known})"
+            ) from None
+        except RecordingError:
+            for topic, _, _, _ in messages:
+                streams[topic].refused += 1
+            raise
+        self._queue.append(messages)
+
+    def _hurry(self) -> None:
+        """Have the queue written now; raises RecordingError where too much waits."""
         self._wake.set()
-        while len(self._buffer.records) > _BACKLOG and not self._refusing:
+        while self._came - self._gone > _BACKLOG and not self._refusing:
             if not self._patient:
-                self.lost[stream.topic] += 1
                 raise RecordingError(
                     f"{self._path}: the disk is too slow: {_BACKLOG >> 20} MiB wait for it"
                 )
-            self._lock.release()
-            try:
-                time.sleep(0.01)
-            finally:
-                self._lock.acquire()
-        return len(self._buffer.records)
-
-    def _refuse(self, stream: _Stream) -> RecordingError:
-        self.lost[stream.topic] += 1
-        return RecordingError(self.failure or f"{self.directory}: recording is closed")
+            time.sleep(0.01)
 
     def _work(self) -> None:
         """Put chunks on disk until the recording is closed or fails."""
@@ -216,33 +232,51 @@ class RunWriter:
             self._flush()
 
     def _flush(self) -> None:
-        with self._lock:
-            full, self._buffer = self._buffer, _Buffer(self._streams.values())
-        if not full.records or self.failure is not None:
-            return
-        try:
-            times = [np.frombuffer(e, "<u8")[::2] for e in full.index.values() if e]
-            start = min(int(column.min()) for column in times)
-            end = max(int(column.max()) for column in times)
-            self._file.add_chunk(full.records, full.index, start, end)
-        except Exception as error:  # whatever the disk or the library says, the program goes on
-            self._fail(error, full)
-        else:
-            self._start, self._end = min(self._start, start), max(self._end, end)
+        """Empty the queue."""
+        queue, take, streams = self._queue, self._queue.popleft, self._streams
+        channels = [stream.channel for stream in self._streams.values()]
+        while queue and self.failure is None:
+            chunk, size = _Chunk(channels), 0
+            records, index = chunk.records, chunk.index
+            try:
+                while queue and size <= _CHUNK:
+                    for _ in range(min(len(queue), _SLICE)):
+                        for topic, data, log_time, publish_time in take():
+                            stream, length = streams[topic], len(data)
+                            channel = stream.channel
+                            index[channel] += _entry(log_time, len(records))
+                            records += _head(
+                                _OPCODE, _REST + length, channel, stream.sequence, log_time,
+                                publish_time,
+                            )  # fmt: skip
+                            records += data
+                            stream.sequence += 1
+                            size += length
+                    if queue:
+                        time.sleep(0.0)  # who waits for the interpreter goes first
+                start, end = chunk.times()
+                self._file.add_chunk(records, index, start, end)
+            except Exception as error:  # whatever the disk or the library says, others go on
+                self._fail(error, chunk)
+            else:
+                self._start, self._end = min(self._start, start), max(self._end, end)
+            self._gone += size
 
-    def _fail(self, error: Exception, chunk: _Buffer | None = None) -> RecordingError:
+    def _fail(self, error: Exception, chunk: _Chunk | None = None) -> RecordingError:
         """Refuse everything from now on; what has not reached the disk is lost."""
         reason = getattr(error, "strerror", None) or repr(error)
-        with self._lock:
-            self.failure = f"{self._path}: {reason}"
-            self._refusing = True
-            for buffer in (chunk, self._buffer) if chunk is not None else (self._buffer,):
-                for stream in self._streams.values():
-                    count = len(buffer.index[stream.channel]) // INDEX_ENTRY.size
-                    self.counts[stream.topic] -= count
-                    self.lost[stream.topic] += count
-            self._buffer = _Buffer(self._streams.values())
+        self.failure = f"{self._path}: {reason}"
+        self._refusing = True
+        if chunk is not None:
+            for stream in self._streams.values():
+                stream.lost += len(chunk.index[stream.channel]) // INDEX_ENTRY.size
+        self._drop_queue()
         return RecordingError(self.failure)
+
+    def _drop_queue(self) -> None:
+        while self._queue:
+            for topic, _, _, _ in self._queue.popleft():
+                self._streams[topic].lost += 1
 
     def close(self) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
@@ -259,6 +293,7 @@ class RunWriter:
         self._wake.set()
         self._thread.join()
         self._flush()
+        self._drop_queue()  # of a recording that failed
         failure = RecordingError(self.failure) if self.failure is not None else None
         try:  # also after a failure: the file then ends with its last whole chunk
             self._file.add_metadata("rosbag2", {"serialized_metadata": self._bag_yaml()})

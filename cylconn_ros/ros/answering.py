@@ -20,7 +20,12 @@ from cylconn_ros.connector.parameters import show
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.ros import cdr, commands
-from cylconn_ros.ros.cdr_writers import JointStateWriter, StampedWriter, StateWriter
+from cylconn_ros.ros.cdr_writers import (
+    JointStateWriter,
+    StampedWriter,
+    StateWriter,
+    stamp_bytes,
+)
 from cylconn_ros.ros.express import Lane, Likeness
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -42,7 +47,9 @@ OUTPUTS = (
     (JOINTS_TOPIC, JOINT_STATE),
 )
 
-_WRENCHES = [slice(at, at + 6) for at in (layout.FORCE_A, layout.FORCE_B)]
+# Where parts of an answer stand in its bytes.
+_WRENCH_A, _WRENCH_B = (slice(8 * at, 8 * at + 48) for at in (layout.FORCE_A, layout.FORCE_B))
+_STATE = slice(8 * layout.STATE.start, 8 * layout.STATE.stop)
 _JOINTS = (
     layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
     layout.MOMENT,
@@ -253,7 +260,6 @@ class Answering:
 
     def _motion(self, stream: int, data: bytes) -> Answer | None:
         """Take a pose or twist: by the express lane, or else on the ordinary way."""
-        begin = time.perf_counter()
         taken = self._lane.take(stream, data)
         if taken is True:
             return None
@@ -261,7 +267,7 @@ class Answering:
             self._lane.give_back(self._ordinary)
             return self._ordinary(stream, data)
         try:
-            return self._serve(taken, begin)
+            return self._serve(taken, time.perf_counter())
         except Exception as error:
             return self._failed(error, taken)
 
@@ -342,20 +348,26 @@ class Answering:
             self.health.off_period += 1
             self.health.seen_period = matched.h
         out[layout.COMPUTING_TIME] = time.perf_counter() - begin
-        self._answer = self._write(matched.stamp, out)
-        self._examine(out)
+        whole = out[layout.REGIME : layout.NOUT].tolist()
+        self._answer = self._write(matched.stamp, out, whole)
+        self._examine(out, whole)
         return self._answer
 
-    def _write(self, stamp: int, out: np.ndarray) -> Answer:
+    def _write(self, stamp: int, out: np.ndarray, whole: list[float]) -> Answer:
         joints = None
         if self.wanted(JOINTS_TOPIC):
             length, angle, velocity, spin, force, moment = (out[k].item() for k in _JOINTS)
             joints = self._joints.write(stamp, (length, angle), (velocity, spin), (force, moment))
+        time_bytes, numbers = stamp_bytes(stamp), out.tobytes()
+        state = None
+        if self.wanted(STATE_TOPIC):
+            state = self._state.join(time_bytes, numbers[_STATE], whole)
+        a, b = self._wrenches
         return Answer(
             stamp,
-            self._wrenches[0].write(stamp, out[_WRENCHES[0]]),
-            self._wrenches[1].write(stamp, out[_WRENCHES[1]]),
-            self._state.write(stamp, out) if self.wanted(STATE_TOPIC) else None,
+            a.join(time_bytes, numbers[_WRENCH_A]),
+            b.join(time_bytes, numbers[_WRENCH_B]),
+            state,
             joints,
         )
 
@@ -364,10 +376,10 @@ class Answering:
         wrenches = [writer.write(stamp, nothing) for writer in self._wrenches]
         return Answer(stamp, wrenches[0], wrenches[1], None, None)
 
-    def _examine(self, out: np.ndarray) -> None:
+    def _examine(self, out: np.ndarray, whole: list[float]) -> None:
         """Keep what diagnostics will say about an answer."""
         health = self.health
-        regime, stop, lock, status, flags = out[layout.REGIME : layout.NOUT].tolist()
+        regime, stop, lock, status, flags = whole
         if status != layout.OK:
             health.not_finite += int(status == layout.NOT_FINITE)
             health.bad_quaternion += int(status == layout.BAD_QUATERNION)

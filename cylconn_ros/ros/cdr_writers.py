@@ -16,6 +16,7 @@ from cylconn_ros.core import layout
 
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
 _HEADER = 4
+_WORDS = 12  # what follows the stamp
 _SECOND = 1_000_000_000
 _STAMP = struct.Struct("=iI")
 _NUMBERS = struct.Struct("=4BI")
@@ -48,6 +49,11 @@ class _Message:
         return at
 
 
+def stamp_bytes(stamp: int) -> bytes:
+    """A stamp in ns as it stands in a message."""
+    return _STAMP.pack(*divmod(stamp, _SECOND))
+
+
 def _stamp(data: bytearray, stamp: int) -> None:
     _STAMP.pack_into(data, _HEADER, *divmod(stamp, _SECOND))
 
@@ -57,14 +63,16 @@ class StampedWriter:
 
     def __init__(self, frame: str, count: int = 6) -> None:
         message = _Message(frame)
-        self._at = message.block(8 * count)
-        self._data = message.data
+        at = message.block(8 * count)
+        self._words = bytes(message.data[_WORDS:at])
 
     def write(self, stamp: int, values: np.ndarray) -> bytes:
-        """Write ``values`` ((count,) float64, contiguous) with a stamp in ns."""
-        _stamp(self._data, stamp)
-        self._data[self._at :] = values.tobytes()
-        return bytes(self._data)
+        """Write ``values`` ((count,) float64) with a stamp in ns."""
+        return self.join(stamp_bytes(stamp), values.tobytes())
+
+    def join(self, stamp: bytes, numbers: bytes) -> bytes:
+        """The same of what is bytes already."""
+        return b"".join((_ENCAPSULATION, stamp, self._words, numbers))
 
 
 class OdometryWriter:
@@ -121,10 +129,11 @@ class StateWriter:
 
     def __init__(self, frame: str, method: str) -> None:
         message = _Message(frame)
-        self._block = message.block(8 * layout.NSTATE)
-        self._numbers = message.block(_NUMBERS.size, 4)
+        block = message.block(8 * layout.NSTATE)
+        numbers = message.block(_NUMBERS.size, 4)
         message.string(method)
-        self._data = message.data
+        self._words = bytes(message.data[_WORDS:block])
+        self._end = bytes(message.data[numbers + _NUMBERS.size :])
 
     @property
     def timing(self) -> slice:
@@ -134,8 +143,11 @@ class StateWriter:
 
     def write(self, stamp: int, out: np.ndarray) -> bytes:
         """Write ``out`` ((NOUT,) float64, core/layout.py) with a stamp in ns."""
-        _stamp(self._data, stamp)
-        self._data[self._block : self._numbers] = out[layout.STATE].tobytes()
-        numbers = out[layout.REGIME : layout.NOUT].tolist()
-        _NUMBERS.pack_into(self._data, self._numbers, *map(int, numbers))
-        return bytes(self._data)
+        whole = out[layout.REGIME : layout.NOUT].tolist()
+        return self.join(stamp_bytes(stamp), out[layout.STATE].tobytes(), whole)
+
+    def join(self, stamp: bytes, numbers: bytes, whole: Sequence[float]) -> bytes:
+        """The same of what is bytes already, and the five whole numbers."""
+        regime, stop, lock, status, flags = whole
+        small = _NUMBERS.pack(int(regime), int(stop), int(lock), int(status), int(flags))
+        return b"".join((_ENCAPSULATION, stamp, self._words, numbers, small, self._end))

@@ -104,18 +104,19 @@ class ConnectorNode(LifecycleNode):
             self._answered_at = time.monotonic()
             self._history += 1
         if recording:
-            self.recorder.write(topic, data, came)
+            self.recorder.keep(topic, data, came)
         if answer is None:
             return False
-        self._record(answer)
+        if recording:
+            self._record(answer)
         self._topics.draw(answer.stamp, self.answering)
         return True
 
     def _record(self, answer: Answer) -> None:
-        if self.recorder.running:
-            went = now()
-            for topic, data in self._topics.outgoing(answer):
-                self.recorder.write(topic, data, went)
+        went = now()
+        for topic, data in self._topics.outgoing(answer):
+            self.recorder.keep(topic, data, went)
+        self.recorder.flush()
 
     def _wanted(self, name: str) -> bool:
         """Whether an output is to be made: somebody listens, or it is recorded."""
@@ -127,6 +128,7 @@ class ConnectorNode(LifecycleNode):
             return
         with self._lock:
             self.answering.settle()
+            self.recorder.flush()  # what no answer has followed
         reason = self._waiting.look(self.answering.matcher, self.scene, time.monotonic())
         if reason:
             self.get_logger().warning(reason)

@@ -11,7 +11,7 @@ from typing import Any
 
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.recording.writer import Message, RunWriter
 
 
 class Recorder:
@@ -25,6 +25,7 @@ class Recorder:
         self._lock = lock or contextlib.nullcontext()
         self._permitted = None if permitted is None else permitted.expanduser().resolve()
         self._writer: RunWriter | None = None
+        self._kept: list[Message] = []  # to be recorded together
         self._error = ""
         self._lost = 0  # not recorded, and not known to the writer of the open run
         self.directory: Path | None = None  # of this or the last run
@@ -89,20 +90,32 @@ class Recorder:
         self._error, self._lost = "", 0
         return self.directory
 
+    def keep(self, topic: str, data: bytes, time_ns: int) -> None:
+        """Have a message recorded with the next that is; ``time_ns`` is when it came or went."""
+        self._kept.append((topic, data, time_ns, time_ns))
+
     def write(self, topic: str, data: bytes, time_ns: int) -> None:
-        """Record a message if a run is open; ``time_ns`` is when it came or went."""
+        """Record what was kept and a message, if a run is open."""
+        self.keep(topic, data, time_ns)
+        self.flush()
+
+    def flush(self) -> None:
+        """Record what was kept, if a run is open."""
+        kept, self._kept = self._kept, []
         writer = self._writer
-        if writer is None:
+        if writer is None or not kept:
             return
         try:
-            writer.write(topic, data, time_ns, time_ns)
+            writer.write_all(kept)
         except RecordingError as error:
             self._error = str(error)
-            self._lost += topic not in writer.lost
+            known = writer.lost
+            self._lost += sum(topic not in known for topic, _, _, _ in kept)
 
     def stop(self) -> str:
         """Close the run and say what it holds; raises RecordingError where closing fails."""
         with self._lock:
+            self.flush()
             writer, self._writer = self._writer, None
         if writer is None:
             raise RecordingError("not recording")

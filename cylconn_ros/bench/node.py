@@ -1,0 +1,193 @@
+"""What a sample costs as a node: ours, recording or not, beside a usual one and the least.
+
+All contestants run at once, as processes that talk ROS 2, and one driver (ros/bench/driver.py) asks
+them in turns, so that a slow moment of the machine meets all of them. Ratios are formed within a
+round. Delays are from the last message of a sample being sent to the last of three answers being
+taken, with all that the driver itself costs; CPU time is that of the contestant's whole process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cylconn_ros.bench.results import Findings, Measurement, Target
+from cylconn_ros.bench.settings import Settings
+from cylconn_ros.bench.timing import Spread
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.scene_file import dump
+
+OURS, RECORDING, PLAIN, BARE = "connector", "connector, recording", "plain node", "bare forwarder"
+_NAMES = {OURS: "ours", RECORDING: "recording", PLAIN: "plain", BARE: "bare"}  # spaces of topics
+_DELAY, _TAIL, _CPU, _RATE, _LOST = "delay", "99 % within", "CPU time a step", "steps/s", "lost"
+_RATES = {"at 500 samples/s": 500.0, "closed loop": 0.0, "at 2000 samples/s": 2000.0}
+_SLOW, _CLOSED, _FAST = _RATES
+_SCENE = {
+    "body_a": {"kind": "free", "mass": 3.0, "inertia": [0.02, 0.0, 0.0, 0.03, 0.0, 0.03]},
+    "body_b": {"kind": "free", "mass": 2.0, "inertia": [0.01, 0.0, 0.0, 0.02, 0.0, 0.02]},
+    "node_a": {"orientation": [0.0, 0.0, 0.0, 1.0]},
+    "friction": {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 5.0},
+}
+
+Rounds = list[dict[str, Any]]
+
+
+def measure(settings: Settings, environment: Mapping[str, str]) -> Findings:
+    """Start everything in ``environment`` (ROS: a domain of its own), ask in turns, sum up.
+
+    Raises RuntimeError where a process ends too early.
+    """
+    rounds, samples = (2, 200) if settings.quick else (15, 800)
+    found: dict[tuple[str, str], Rounds] = {(p, c): [] for p in _RATES for c in _NAMES}
+    with tempfile.TemporaryDirectory() as name, _processes(Path(name), environment) as ask:
+        for contestant in _NAMES:  # they meet, and compile where it is the first time
+            ask(contestant, 200.0, 50)
+        for k in range(rounds):
+            for problem, rate in _RATES.items():
+                for j in range(len(_NAMES)):
+                    contestant = list(_NAMES)[(j + k) % len(_NAMES)]
+                    found[problem, contestant].append(ask(contestant, rate, samples))
+    return Findings(targets=_targets(found), measurements=list(_measurements(found)))
+
+
+def _commands(folder: Path) -> dict[str, list[str]]:
+    """How each contestant is started."""
+    scene = folder / "scene.yaml"
+    scene.write_text(dump(Scene.from_parameters(_SCENE)), encoding="utf-8")
+    python = [sys.executable, "-m"]
+    ros = {name: ["-r", f"__ns:=/{space}"] for name, space in _NAMES.items()}
+    connector = [
+        *python,
+        "cylconn_ros.ros.connector_node",
+        "--ros-args",
+        "--params-file",
+        str(scene),
+    ]
+    record = ["-p", "record.enabled:=true", "-p", f"record.directory:={folder / 'runs'}"]
+    bench = "cylconn_ros.ros.bench"
+    return {
+        OURS: [*connector, *ros[OURS]],
+        RECORDING: [*connector, *ros[RECORDING], *record],
+        PLAIN: [*python, f"{bench}.plain_node", str(scene), "--ros-args", *ros[PLAIN]],
+        BARE: [*python, f"{bench}.forwarder", "--ros-args", *ros[BARE]],
+    }
+
+
+Ask = Callable[[str, float, int], dict[str, Any]]
+
+
+@contextlib.contextmanager
+def _processes(folder: Path, environment: Mapping[str, str]) -> Iterator[Ask]:
+    """All contestants and the driver; what asks one for samples at a rate."""
+    with contextlib.ExitStack() as stack:
+        running = {
+            name: stack.enter_context(_process(name, command, folder, environment))
+            for name, command in _commands(folder).items()
+        }
+        driver = [sys.executable, "-m", "cylconn_ros.ros.bench.driver"]
+        asking = stack.enter_context(_process("driver", driver, folder, environment))
+
+        def ask(contestant: str, rate: float, samples: int) -> dict[str, Any]:
+            assert asking.stdin is not None
+            assert asking.stdout is not None
+            process = running[contestant]
+            task = {"name": _NAMES[contestant], "pid": process.pid, "rate": rate}
+            asking.stdin.write(json.dumps({**task, "samples": samples}) + "\n")
+            asking.stdin.flush()
+            line = asking.stdout.readline()
+            ended = [name for name, one in running.items() if one.poll() is not None]
+            if ended or not line:
+                raise RuntimeError(f"{', '.join(ended) or 'the driver'} ended too early")
+            return dict(json.loads(line))
+
+        yield ask
+
+
+@contextlib.contextmanager
+def _process(
+    name: str, command: Sequence[str], folder: Path, environment: Mapping[str, str]
+) -> Iterator[subprocess.Popen[str]]:
+    """A process, out of the terminal's reach, that does not outlive the block."""
+    clean = {k: v for k, v in environment.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    with (folder / f"{_NAMES.get(name, name)}.log").open("w") as log:
+        process = subprocess.Popen(
+            command,
+            env=clean,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE if name == "driver" else log,
+            stderr=log,
+            text=True,
+            start_new_session=True,
+        )
+    try:
+        yield process
+    finally:
+        for number in (signal.SIGINT, signal.SIGKILL):
+            if process.poll() is None:
+                process.send_signal(number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.communicate(timeout=10.0)
+                break
+
+
+def _value(block: Mapping[str, Any], quantity: str) -> float:
+    if quantity in (_DELAY, _TAIL):
+        delays = block["delays"]
+        return float(delays[0 if quantity == _DELAY else 2]) if delays else float("nan")
+    if quantity == _LOST:
+        return float(block["sent"] - block["answered"])
+    return float(block["cpu" if quantity == _CPU else "rate"])
+
+
+def _values(rounds: Rounds, quantity: str) -> np.ndarray:
+    return np.array([_value(block, quantity) for block in rounds])
+
+
+def _targets(found: Mapping[tuple[str, str], Rounds]) -> list[Target]:
+    """What was aimed at: medians of the ratios of each round."""
+
+    def ratio(quantity: str, problem: str, of: str, to: str) -> float:
+        return float(np.median(_values(found[problem, of], quantity)
+                               / _values(found[problem, to], quantity)))  # fmt: skip
+
+    targets = []
+    for to, of, delay, cpu in (
+        (PLAIN, OURS, 0.4, 0.3),
+        (BARE, OURS, 1.3, 1.3),
+        (OURS, RECORDING, 1.1, 1.1),
+    ):
+        for quantity, limit in ((_DELAY, delay), (_CPU, cpu)):
+            value = ratio(quantity, _SLOW, of, to)
+            targets.append(Target(f"{_SLOW}: {quantity}, {of} to {to}", value, limit, "1"))
+    value = ratio(_RATE, _CLOSED, PLAIN, OURS)
+    targets.append(Target(f"{_CLOSED}: {_RATE}, {PLAIN} to {OURS}", value, 0.25, "1"))
+    for contestant in (OURS, RECORDING):
+        blocks = found[_FAST, contestant]
+        lost = _values(blocks, _LOST).sum()
+        sent = sum(block["sent"] for block in blocks)
+        note = f"of {sent} samples"
+        targets.append(Target(f"{_FAST}: {_LOST}, {contestant}", float(lost), 0.0, "", note))
+    return targets
+
+
+def _measurements(found: Mapping[tuple[str, str], Rounds]) -> Iterator[Measurement]:
+    for (problem, contestant), rounds in found.items():
+        for quantity, unit, scale in (
+            (_DELAY, "µs", 1e6),
+            (_TAIL, "µs", 1e6),
+            (_CPU, "µs", 1e6),
+            (_RATE, "1/s", 1.0),
+        ):
+            spread = Spread.of(_values(rounds, quantity))
+            yield Measurement.of(problem, contestant, quantity, spread, unit, scale=scale)
+        lost = _values(rounds, _LOST).sum()
+        yield Measurement(problem, contestant, _LOST, float(lost), "", count=len(rounds))
