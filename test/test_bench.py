@@ -18,6 +18,7 @@ from cylconn_ros.bench import (
     kernel,
     methods,
     minimal,
+    node,
     orders,
     report,
     timing,
@@ -32,6 +33,7 @@ from cylconn_ros.bench.results import Findings, Gap, Measurement, Report, Target
 from cylconn_ros.bench.scipy_peer import slide_and_spin
 from cylconn_ros.bench.settings import Settings
 from cylconn_ros.cli import bench, main
+from cylconn_ros.cli.processes import private_environment
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.reference import constant_normal_force, free_pair
@@ -323,3 +325,27 @@ def test_wrong_use_is_refused(
         code = end.code
     assert code == main.USAGE_ERROR
     assert words in capsys.readouterr().err
+
+
+def test_quick_nodes_are_asked_in_turns() -> None:
+    found = node.measure(QUICK, private_environment())
+    problems = {m.problem for m in found.measurements}
+    assert problems == {"at 500 samples/s", "closed loop", "at 2000 samples/s"}
+    for contestant in (node.OURS, node.RECORDING, node.PLAIN, node.BARE):
+        assert found.value("closed loop", contestant, "lost") == 0.0
+        for quantity in ("delay", "CPU time a step", "steps/s"):
+            value = found.value("closed loop", contestant, quantity)
+            assert 0.0 < value < math.inf, (contestant, quantity)
+    assert len(found.targets) == 9
+    assert all(target.met is not None for target in found.targets)
+
+
+def test_a_node_that_dies_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = node._commands
+
+    def with_a_typing_error(folder: Path) -> dict[str, list[str]]:
+        return {**commands(folder), node.BARE: [sys.executable, "-c", "raise SystemExit(3)"]}
+
+    monkeypatch.setattr(node, "_commands", with_a_typing_error)
+    with pytest.raises(RuntimeError, match="bare forwarder ended too early"):
+        node.measure(QUICK, private_environment())

@@ -106,10 +106,18 @@ def _processes(folder: Path, environment: Mapping[str, str]) -> Iterator[Ask]:
             line = asking.stdout.readline()
             ended = [name for name, one in running.items() if one.poll() is not None]
             if ended or not line:
-                raise RuntimeError(f"{', '.join(ended) or 'the driver'} ended too early")
+                name = ended[0] if ended else "driver"
+                said = _log(folder, name).read_text(errors="replace").strip().splitlines()
+                last = said[-1] if said else "nothing was said"
+                raise RuntimeError(f"{name} ended too early: {last}")
             return dict(json.loads(line))
 
         yield ask
+
+
+def _log(folder: Path, name: str) -> Path:
+    """Where a process' words go."""
+    return folder / f"{_NAMES.get(name, name)}.log"
 
 
 @contextlib.contextmanager
@@ -118,7 +126,7 @@ def _process(
 ) -> Iterator[subprocess.Popen[str]]:
     """A process, out of the terminal's reach, that does not outlive the block."""
     clean = {k: v for k, v in environment.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    with (folder / f"{_NAMES.get(name, name)}.log").open("w") as log:
+    with _log(folder, name).open("w") as log:
         process = subprocess.Popen(
             command,
             env=clean,

@@ -29,6 +29,7 @@ INTERVAL = 0.08
 
 _CHUNK = 1 << 20  # bytes of messages after which a chunk does not wait for its time
 _SLICE = 32  # pieces of the queue laid out in one go, for some hundred microseconds
+_PAUSE = 2e-5  # s between slices: after none, who waits for the interpreter may wait for 5 ms
 _BACKLOG = 1 << 26  # bytes that may wait for a slow disk
 _OPCODE = 0x05  # of a message
 _head, _entry, _REST = MESSAGE.pack, INDEX_ENTRY.pack, MESSAGE_REST
@@ -253,7 +254,7 @@ class RunWriter:
                             stream.sequence += 1
                             size += length
                     if queue:
-                        time.sleep(0.0)  # who waits for the interpreter goes first
+                        time.sleep(_PAUSE)
                 start, end = chunk.times()
                 self._file.add_chunk(records, index, start, end)
             except Exception as error:  # whatever the disk or the library says, others go on

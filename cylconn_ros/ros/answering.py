@@ -27,6 +27,7 @@ from cylconn_ros.ros.cdr_writers import (
     stamp_bytes,
 )
 from cylconn_ros.ros.express import Lane, Likeness
+from cylconn_ros.ros.health import Health
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -79,37 +80,6 @@ class Input(NamedTuple):
 
     type: str
     receive: Callable[[bytes], Answer | None]
-
-
-@dataclasses.dataclass
-class Health:
-    """What went wrong while answering; totals since the start, ``worst_…`` since the last look."""
-
-    undecodable: int = 0
-    undecodable_text: str = ""
-    not_finite: int = 0
-    bad_quaternion: int = 0
-    no_period: int = 0
-    off_period: int = 0  # samples whose stamps are not a period apart
-    seen_period: float = 0.0  # s, the last of those
-    failed: int = 0
-    failure: str = ""
-    commands: int = 0  # followed
-    refused: int = 0  # commands that cannot be followed
-    refusal: str = ""
-    worst_residual: float = 0.0
-    worst_offset: float = 0.0  # m
-    worst_angle: float = 0.0  # rad
-    worst_time: float = 0.0  # s
-    flags: int = 0  # bits of ConnectorState.flags, since the last look
-    stops: int = 0  # bits of ConnectorState.stop, since the last look
-    regime: int = layout.FRICTIONLESS
-    lock: int = 0  # bits of ConnectorState.lock
-
-    def look(self) -> None:
-        """Begin a new stretch of ``worst_…``, flags and stops."""
-        self.worst_residual = self.worst_offset = self.worst_angle = self.worst_time = 0.0
-        self.flags = self.stops = 0
 
 
 def input_names(scene: Scene) -> list[str]:

@@ -93,24 +93,33 @@ class ConnectorNode(LifecycleNode):
 
     # --- samples ---------------------------------------------------------------------------------
 
-    def _receive(self, name: str, topic: str, data: bytes) -> bool:
-        """Take a message of input ``name``, received on ``topic``: answer, publish, record."""
-        assert self.answering is not None
-        recording = self.recorder.running
-        came = now() if recording else 0
-        answer = self.answering.inputs[name].receive(data)
-        if answer is not None:
-            self._topics.publish(answer)
-            self._answered_at = time.monotonic()
-            self._history += 1
-        if recording:
-            self.recorder.keep(topic, data, came)
-        if answer is None:
-            return False
-        if recording:
-            self._record(answer)
-        self._topics.draw(answer.stamp, self.answering)
-        return True
+    def _receiver(self, name: str, topic: str) -> loop.Receive:
+        """What takes the messages of input ``name``, received on ``topic``."""
+        recorder, topics = self.recorder, self._topics
+        drawing = self.scene.markers
+
+        def receive(data: bytes) -> bool:
+            """Answer, publish, record; whether a sample was complete."""
+            answering = self.answering
+            assert answering is not None
+            recording = recorder.running
+            came = now() if recording else 0
+            answer = answering.inputs[name].receive(data)
+            if answer is not None:
+                topics.publish(answer)
+                self._answered_at = time.monotonic()
+                self._history += 1
+            if recording:
+                recorder.keep(topic, data, came)
+            if answer is None:
+                return False
+            if recording:
+                self._record(answer)
+            if drawing:
+                topics.draw(answer.stamp, answering)
+            return True
+
+        return receive
 
     def _record(self, answer: Answer) -> None:
         went = now()
@@ -154,7 +163,9 @@ class ConnectorNode(LifecycleNode):
 
     def _diagnose(self) -> None:
         stamp = self.get_clock().now().to_msg()
-        report = self._monitor.report(stamp, self.answering, self.recorder, self.links)
+        with self._lock:  # what happens meanwhile belongs into the next report
+            health = None if self.answering is None else self.answering.health.taken()
+        report = self._monitor.report(stamp, self.answering, self.recorder, self.links, health)
         self._diagnostics.publish(report)
         for status in report.status:  # the log says what is new; how often it was is in the report
             bad = status.level != DiagnosticStatus.OK
@@ -243,7 +254,7 @@ class ConnectorNode(LifecycleNode):
                 self.get_logger().info(self._open_recording())
             except RecordingError as error:
                 self.get_logger().error(f"{error}; serving without a recording")
-        self._topics.open_inputs(self.answering, self._receive)
+        self._topics.open_inputs(self.answering, self._receiver)
 
     def _deactivate(self, _state: LifecycleState) -> None:
         if self.links.state != "active":

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cylconn_ros.core import layout
 from cylconn_ros.ros.answering import Answering
+from cylconn_ros.ros.health import Health
 from cylconn_ros.ros.recording import Recorder
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -75,23 +76,30 @@ class Monitor:
         self._time = time.monotonic()
 
     def report(
-        self, stamp: Time, answering: Answering | None, recorder: Recorder, links: Links
+        self,
+        stamp: Time,
+        answering: Answering | None,
+        recorder: Recorder,
+        links: Links,
+        health: Health | None = None,
     ) -> DiagnosticArray:
-        """Report on everything; begins a new stretch of the worst values."""
+        """Report on everything; ``health`` as taken from ``answering``, if not here and now."""
         now = time.monotonic()
         elapsed, self._time = max(now - self._time, 1e-9), now
         array = DiagnosticArray()
         array.header.stamp = stamp
         if answering is not None:
-            array.status.append(self._samples(answering, links, elapsed))
-            array.status.append(self._solution(answering))
-            answering.health.look()
+            health = health or answering.health.taken()
+            array.status.append(self._samples(answering, health, links, elapsed))
+            array.status.append(self._solution(answering, health))
         array.status.append(self._topics(answering, links))
         array.status.append(self._recording(recorder))
         return array
 
-    def _samples(self, answering: Answering, links: Links, elapsed: float) -> DiagnosticStatus:
-        counts, health = answering.matcher.counts, answering.health
+    def _samples(
+        self, answering: Answering, health: Health, links: Links, elapsed: float
+    ) -> DiagnosticStatus:
+        counts = answering.matcher.counts
         before = self._before.get("samples", 0)
         rate = (counts.samples - before) / elapsed
         problems = [
@@ -152,8 +160,7 @@ class Monitor:
         self._before["samples"] = counts.samples
         return self._status("samples", problems, f"{rate:.0f} samples/s", values)
 
-    def _solution(self, answering: Answering) -> DiagnosticStatus:
-        health = answering.health
+    def _solution(self, answering: Answering, health: Health) -> DiagnosticStatus:
         regime = _REGIMES.get(health.regime, str(health.regime))
         flags = _named(_FLAGS, health.flags)
         stops, locked = _named(_STOPS, health.stops), _named(_LOCKS, health.lock)

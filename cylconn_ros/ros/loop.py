@@ -11,6 +11,7 @@ which), the node's executor has to serve the subscriptions.
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -21,6 +22,8 @@ from rclpy.subscription import Subscription
 
 _IDLE = 50_000_000  # ns between looks whether to end, while nothing comes
 _EXPECTED = 5_000_000  # ns to wait for one message alone: others may not pile up meanwhile
+_THOROUGH = 16  # once in so many rounds everything that waits is taken, not one of each
+_ALL = 1000
 
 Receive = Callable[[bytes], bool]
 
@@ -32,7 +35,7 @@ def missing(node: Node) -> str:
     except ImportError:
         return "rclpy.impl.implementation_singleton"
     wanted = {
-        "WaitSet": ("clear_entities", "add_subscription", "wait", "is_ready"),
+        "WaitSet": ("clear_entities", "add_subscription", "wait", "get_ready_entities"),
         "Subscription": ("take_message",),
     }
     for kind, names in wanted.items():
@@ -86,26 +89,31 @@ class Loop:
         handles = [entry.subscription.handle for entry in self._entries]
         every = WaitSet(handles, self._node.context)
         alone = [WaitSet([handle], self._node.context) for handle in handles]
+        streams = [
+            (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
+             entry.receive)
+            for k, (handle, entry) in enumerate(zip(handles, self._entries, strict=True))
+        ]  # fmt: skip
         last: int | None = None  # who completed the last sample
-        takers = [_taker(entry.subscription) for entry in self._entries]
-        receivers = [entry.receive for entry in self._entries]
-        ready: Sequence[int]
+        rounds = 0
         while not self._ending:
+            rounds += 1
             if last is None:
-                ready = every.wait(_IDLE)
-            elif alone[last].wait(_EXPECTED):
-                ready = range(len(handles))
+                if not every.wait(_IDLE):
+                    continue
+                most = _ALL
             else:
-                last = None
-                continue
-            if not ready:
-                continue
+                alone[last].wait_only(_EXPECTED)
+                most = 1 if rounds % _THOROUGH else _ALL
+            last = None
             with self._lock:
-                last = None
-                for k in ready:
-                    while (taken := takers[k]()) is not None:
+                for k, take, receive in streams:
+                    for _ in range(most):
+                        taken = take()
+                        if taken is None:
+                            break
                         try:
-                            if receivers[k](taken[0]):
+                            if receive(taken[0]):
                                 last = k
                         except Exception as error:
                             self._caught(error)
@@ -120,17 +128,15 @@ class WaitSet:
         self._handles = list(handles)
         self._set = rclpy_implementation.WaitSet(len(handles), 0, 0, 0, 0, 0, context.handle)
 
-    def wait(self, timeout: int) -> list[int]:
-        """Wait up to ``timeout`` ns; numbers of the subscriptions that have messages."""
+    def wait(self, timeout: int) -> bool:
+        """Wait up to ``timeout`` ns; whether anything has come."""
+        self.wait_only(timeout)
+        return bool(self._set.get_ready_entities("subscription"))
+
+    def wait_only(self, timeout: int) -> None:
+        """Wait up to ``timeout`` ns, for who looks himself what has come."""
         waiting = self._set
         waiting.clear_entities()
         for handle in self._handles:
             waiting.add_subscription(handle)
         waiting.wait(timeout)
-        return [k for k in range(len(self._handles)) if waiting.is_ready("subscription", k)]
-
-
-def _taker(subscription: Subscription) -> Callable[[], Any]:
-    """What takes the next message, (bytes, information) or None."""
-    take, kind = subscription.handle.take_message, subscription.msg_type
-    return lambda: take(kind, True)

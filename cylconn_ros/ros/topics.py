@@ -18,11 +18,12 @@ from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import qos
 from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
-from cylconn_ros.ros.loop import Entry, Loop
+from cylconn_ros.ros.loop import Entry, Loop, Receive
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
 
-Receive = Callable[[str, str, bytes], bool]
+Receiver = Callable[[str, str], Receive]
+"""Gives, for an input's name and its topic, what takes the messages."""
 _FIRST = ("load", "command")  # act on the sample that waits with them
 
 
@@ -78,27 +79,24 @@ class Topics:
         self._listeners.clear()
         self._marker_publisher = self._markers = None
 
-    def open_inputs(self, answering: Answering, receive: Receive) -> None:
-        """Subscribe to the inputs; ``receive`` gets the input's name, its topic and the bytes.
-
-        It returns whether that completed a sample.
-        """
+    def open_inputs(self, answering: Answering, receiver: Receiver) -> None:
+        """Subscribe to the inputs."""
         entries = []
         for name, wanted in answering.inputs.items():
             topic = self._node.resolve_topic_name(name)
             profile = qos.samples()
+            receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
                 name,
-                functools.partial(receive, name, topic),
+                functools.partial(_discard_result, receive),
                 profile,
                 raw=True,
                 qos_overriding_options=qos.overriding(),
                 **qos.reading(functools.partial(self._incompatible, topic), self._lost),
             )
             self._names[name] = (topic, wanted.type, profile)
-            take = functools.partial(receive, name, topic)
-            entries.append(Entry(self._subscriptions[name], take))
+            entries.append(Entry(self._subscriptions[name], receive))
         if self._loop is not None:
             entries.sort(key=lambda entry: not entry.subscription.topic_name.endswith(_FIRST))
             self._loop.open(entries)
@@ -172,6 +170,10 @@ class Topics:
 
     def _lost(self, count: int) -> None:
         self._links.lost += count
+
+
+def _discard_result(receive: Receive, data: bytes) -> None:
+    receive(data)
 
 
 def check_qos_overrides(node: LifecycleNode, parameters: Mapping[str, Any], scene: Scene) -> None:

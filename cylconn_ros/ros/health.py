@@ -1,0 +1,40 @@
+"""What went wrong while answering, in numbers: what diagnostics are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from cylconn_ros.core import layout
+
+
+@dataclasses.dataclass
+class Health:
+    """What went wrong while answering; totals since the start, ``worst_…`` since the last look."""
+
+    undecodable: int = 0
+    undecodable_text: str = ""
+    not_finite: int = 0
+    bad_quaternion: int = 0
+    no_period: int = 0
+    off_period: int = 0  # samples whose stamps are not a period apart
+    seen_period: float = 0.0  # s, the last of those
+    failed: int = 0
+    failure: str = ""
+    commands: int = 0  # followed
+    refused: int = 0  # commands that cannot be followed
+    refusal: str = ""
+    worst_residual: float = 0.0
+    worst_offset: float = 0.0  # m
+    worst_angle: float = 0.0  # rad
+    worst_time: float = 0.0  # s
+    flags: int = 0  # bits of ConnectorState.flags, since the last look
+    stops: int = 0  # bits of ConnectorState.stop, since the last look
+    regime: int = layout.FRICTIONLESS
+    lock: int = 0  # bits of ConnectorState.lock
+
+    def taken(self) -> Health:
+        """A copy; begins a new stretch of ``worst_…``, flags and stops."""
+        copy = dataclasses.replace(self)
+        self.worst_residual = self.worst_offset = self.worst_angle = self.worst_time = 0.0
+        self.flags = self.stops = 0
+        return copy
