@@ -129,7 +129,7 @@ class StateWriter:
 
     def __init__(self, frame: str, method: str) -> None:
         message = _Message(frame)
-        block = message.block(8 * layout.NSTATE)
+        self._block = block = message.block(8 * layout.NSTATE)
         numbers = message.block(_NUMBERS.size, 4)
         message.string(method)
         self._words = bytes(message.data[_WORDS:block])
