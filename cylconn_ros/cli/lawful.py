@@ -19,12 +19,12 @@ def broken(scene: Scene, states: Array, outs: Array) -> str:
 
     Empty: every law that the scene's method claims holds, for every sample from the first on.
     """
-    from cylconn_ros.laws import checks
+    from cylconn_ros.laws import checks, claims
     from cylconn_ros.laws.recorded import Recorded
     from cylconn_ros.laws.residual import TOLERANCE
 
     method = choose_method(scene)
-    if method not in checks.CLAIMED:
+    if method not in claims.CLAIMS:
         return ""
     n = len(states)
     samples = np.zeros((n, layout.NSAMPLE))
@@ -38,5 +38,5 @@ def broken(scene: Scene, states: Array, outs: Array) -> str:
     for letter, values in residuals.items():
         worst = float(np.max(values, initial=0.0, where=~np.isnan(values)))
         if not worst <= TOLERANCE:
-            return f"law {letter} ({checks.TITLES[letter]}) off by {worst:.1e}"
+            return f"law {letter} ({claims.TITLES[letter]}) off by {worst:.1e}"
     return ""
