@@ -87,7 +87,7 @@ def evenly(rows: Array, h: float = 1e-3) -> list[Sampled]:
     return sampled(rows, np.arange(len(rows)) * h)
 
 
-def pushed(static: float | None) -> tuple[Scene, Array]:
+def pushed(static: float | None, steps: int = 2000, turn: float = 0.1) -> tuple[Scene, Array]:
     """A sleeve at rest, pushed and turned harder and harder until it gives way, and back."""
     parts = {"static_coefficient": static, "decay": 200.0} if static else {}
     scene = sleeve(friction={**FRICTION["friction"], **parts})
@@ -95,9 +95,9 @@ def pushed(static: float | None) -> tuple[Scene, Array]:
     def load(t: float) -> list[float]:
         push = 14.0 * (1.0 - 2.0 * abs((t + 0.5) % 2.0 - 1.0))
         bend = 0.3 * np.sin(5.0 * t)
-        return [push, 0.0, 3.0 * np.sin(7.0 * t), 0.02 * np.sin(3.0 * t), float(bend), 0.0]
+        return [push, 0.0, 3.0 * np.sin(7.0 * t), turn * np.sin(3.0 * t), float(bend), 0.0]
 
-    return scene, motion_of(scene, 2000, load)
+    return scene, motion_of(scene, steps, load)
 
 
 def recordings() -> dict[str, tuple[Scene, Array, str, dict[str, float]]]:
@@ -116,24 +116,23 @@ def recordings() -> dict[str, tuple[Scene, Array, str, dict[str, float]]]:
 @pytest.mark.parametrize("name", ["spinning and sliding", "two free bodies", "coasting", "pushed"])
 def test_intervals_hold_the_truth_as_often_as_stated(name: str) -> None:
     scene, motion, bodies, truth = recordings()[name]
-    inside = dict.fromkeys(truth, 0)
-    errors: dict[str, list[float]] = {key: [] for key in truth}
+    errors: dict[str, list[float]] = {key: [] for key in truth}  # over half the interval
     for seed in range(SEEDS):
         found = identify(scene, evenly(measured(motion, seed, bodies)))
         for key, value in truth.items():
             e = found.estimates[key]
-            if not e.found:
-                assert key == "radius", e.note  # pushed: its spin is small against its noise
-                inside[key] += 1
-                continue
-            inside[key] += e.low <= value <= e.high
-            errors[key].append((e.value - value) / (e.high - e.low))
-    least = int(binom.ppf(SURE, SEEDS, 0.95))
-    assert min(inside.values()) >= least, inside
-    # Nor are they much too wide: with half widths of 1.96 deviations these would be 0.26.
+            assert e.found, e.note
+            share = abs(e.value - value) / (0.5 * (e.high - e.low))
+            good = e.low <= value <= e.high
+            errors[key].append(min(share, 1.0) if good else max(share, 1.0 + 1e-9))
     for key, values in errors.items():
-        spread = float(np.std(values))
-        assert key in ("static_coefficient", "radius") or spread > 0.15, (key, spread)
+        inside = int(np.sum(np.array(values) <= 1.0))
+        print(f"{name}: {key} {inside} of {len(values)}")
+        assert inside >= binom.ppf(SURE, len(values), 0.95), key
+        if key != "static_coefficient":  # whose interval is meant to be cautious
+            assert inside <= binom.ppf(1.0 - SURE, len(values), 0.95), key
+            # Half of the errors are less than 0.34 of the half interval: it is not much too wide.
+            assert np.median(values) > 0.2, key
 
 
 def test_without_noise_it_finds_what_was_put_in() -> None:
@@ -353,6 +352,18 @@ def test_the_inertia_must_be_known(
     )
     assert main(["identify", str(bag), "--params", str(params)]) == 2
     assert "needs mass and inertia of a body" in capsys.readouterr().err
+
+
+def test_a_recording_of_the_real_node(capsys: pytest.CaptureFixture[str]) -> None:
+    """With jitter, losses, repeats and messages out of order (bags/README.md)."""
+    lossy = Path(__file__).resolve().parent.parent / "bags" / "lossy"
+    assert main(["identify", str(lossy), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)["estimates"]
+    truth = {"coefficient": 0.2, "preload": 4.0, "overlap": 0.08, "radius": 0.02}
+    for name, value in truth.items():
+        low, high = found[f"friction.{name}"]["interval_95"]
+        assert low <= value <= high
+        assert high - low < 0.02 * value
 
 
 def test_a_bag_of_other_software_at_uneven_rates(

@@ -27,6 +27,7 @@ LONGEST = 512  # intervals of rest that are extrapolated
 RISING = 64  # intervals of slip by which the break is found, at most
 FEWEST = 6  # at least
 FAST = 4.0  # times the threshold: slip up to there finds the break
+EARLY, HIDDEN = 0.25, 0.7  # of the difference between two times of a break
 CHANCE = 0.05
 
 
@@ -174,7 +175,8 @@ def _when(measured: Measured, after: Stretch, radius: float) -> tuple[float, flo
 
     Slip grows as t - t0 where the traction drops at the break, as its square where the load goes on
     rising, and between them where it drops by and by; its first part is hidden in noise. Both are
-    fitted to what shows first: the break is between them, and half their difference its error.
+    fitted to what shows first: the break is between them, nearer to the second, earlier one, and
+    HIDDEN of their difference its error.
     """
     _, deviation = slip_rate(measured, radius)
     last = after.first + FEWEST
@@ -187,12 +189,12 @@ def _when(measured: Measured, after: Stretch, radius: float) -> tuple[float, flo
     latest = float(measured.time[after.first - 1])
     begins, own = [], []
     for power in (1.0, 2.0):
-        begin, spread = _onset(t, s @ to, power, deviation)
-        begins.append(min(max(begin, latest - RISE), latest))
+        found, spread = _onset(t, s @ to, power, deviation)
+        begins.append(min(max(found, latest - RISE), latest))
         own.append(spread)
-    middle = 0.5 * (begins[0] + begins[1])
-    spread = float(np.hypot(0.5 * (begins[0] - begins[1]), np.mean(own)))
-    return middle, max(spread, 0.5 * measured.step)
+    begin = begins[1] + EARLY * (begins[0] - begins[1])
+    spread = float(np.hypot(HIDDEN * (begins[0] - begins[1]), np.mean(own)))
+    return begin, max(spread, 0.5 * measured.step)
 
 
 def _onset(t: Array, s: Array, power: float, deviation: float) -> tuple[float, float]:

@@ -6,8 +6,8 @@ window of W intervals, by least squares: its slope at the middle has the noise 7
 instead of 2 V / h^2. Windows share no measurement, so their errors are independent.
 
 W is as large as the motion allows: the largest for which, in a stretch, what the cubics leave is
-the noise that the shortest show; and half of that, which makes what the cubic misses, W^4,
-a small part of the noise.
+the noise that the shortest show; and two fifths of that, which makes what the cubic misses, W^4, a
+small part of the noise.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 SIZES = (6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 FEWEST = 24  # windows of a recording, if it is long enough
+SHARE = 0.4  # of the largest windows in which a cubic leaves nothing but noise
 TEST = 3.0  # standard deviations
 OWN = 4.7  # over the number of samples: relative variance of the noise's own estimate
 KINK = 8.0  # times the usual misfit, and more than a hundredth of the force: no smooth motion
@@ -137,7 +138,7 @@ def _size(time: Array, p: Array, variance: Array, greatest: int) -> int:
     greatest = min(greatest, max(n // 4 - 1, SIZES[0]))
     chosen = SIZES[0]
     for w in SIZES:
-        if w + 1 > n or w > 2 * greatest:
+        if w + 1 > n or SHARE * w > greatest:
             break
         rows = cut(n, w)
         rest = fits(time[rows]).rest(p[rows])
@@ -146,4 +147,4 @@ def _size(time: Array, p: Array, variance: Array, greatest: int) -> int:
         if (ratio > 1.0 + TEST * np.sqrt(2.0 / freedom + OWN / n)).any():
             break
         chosen = w
-    return min(max(chosen // 2, SIZES[0]), greatest)
+    return min(max(int(SHARE * chosen), SIZES[0]), greatest)

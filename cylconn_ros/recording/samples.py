@@ -57,7 +57,9 @@ def matched(run: Run, scene: Scene, names: Mapping[str, str] | None = None) -> I
                 topic = next((t for t in run.types if t.endswith(ours)), None)
             if topic is None:
                 continue
-            loads += kind == "load"
+            loads += kind == "load"  # also where none came: then there was none
+            if topic in run.counts and not run.counts[topic]:
+                continue
             table = run.table(topic)
             messages += _calls(matcher, body, kind, rank, table)
     if not loads:  # simulate knows its loads from the scene
