@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 NAMES = ("coefficient", "preload", "overlap", "radius")
 CLEAR = 9.0  # mean square of a force over its noise's: less is none
+BEYOND = 3.0  # standard deviations of a mean square: less is none at all
 AWAY = 3.0  # standard deviations from zero
 FLOOR = 1e-6  # of the usual traction: an error that counts in any case
 SECOND_ORDER = 1e-4  # of the traction: what a finite sample period leaves in a window's forces
@@ -77,9 +78,14 @@ class Loads:
             u = vector / size[:, None]
             whole = np.trace(cov, axis1=1, axis2=2)
             across = whole - np.einsum("ni,nij,nj->n", u, cov, u)
-            clear.append(float(np.square(size).mean() / max(whole.mean(), 1e-300)))
-            values.append(np.sqrt(np.maximum(size**2 - across, 0.0)))
-            along[:, row, at] = u
+            square, white = float(np.square(size).mean()), max(float(whole.mean()), 1e-300)
+            clear.append(square / white)
+            if clear[-1] >= CLEAR:
+                values.append(np.sqrt(np.maximum(size**2 - across, 0.0)))
+                along[:, row, at] = u
+            else:  # mostly noise: only its mean square says anything
+                sure = square - white > BEYOND * white / np.sqrt(len(w))
+                values.append(np.full(len(w), np.sqrt(square - white) if sure else 0.0))
         return cls(values[0], values[1], along, (clear[0], clear[1]))
 
 
