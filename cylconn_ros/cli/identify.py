@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cylconn_ros.identify.friction import Estimate, Identified
 
 _PICTURES = (".png", ".svg", ".pdf")
+_SILENT = 1e-7  # m/s: the sample period, and no sensor, limits what is seen
 _KNOWN = ("preload", "overlap", "radius")
 _TITLES = {
     "coefficient": "mu",
@@ -138,7 +139,9 @@ def table(found: Identified) -> list[str]:
     lines += [f"left out    {count} {why}" for why, count in found.left_out.items()]
     lines += [
         f"noise       {found.noise:.2e} m/s of the slip rate, a component",
-        f"misfit      {found.misfit:.2f} (1: the law fits to within the noise)",
+        f"misfit      {found.misfit:.2f} (1: the law fits to within the noise)"
+        if found.noise > _SILENT
+        else "misfit      not judged: there is hardly any noise",
         "",
         f"{'parameter':<12}{'estimate':>11}  {'95 % interval':<26}unit",
     ]
@@ -149,7 +152,7 @@ def table(found: Identified) -> list[str]:
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]
     lines += ["", "taken as known: " + ", ".join(facts)]
-    if found.misfit > 2.0 and found.noise > 1e-9:
+    if found.misfit > 2.0 and found.noise > _SILENT:
         lines.append(
             "the windows differ from the law by more than their noise: the intervals count that, "
             "as far as it is random"
