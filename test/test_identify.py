@@ -198,7 +198,7 @@ def test_noise_does_not_bend_the_law() -> None:
 
 
 def test_a_cubics_slope_has_the_stated_noise() -> None:
-    times = np.linspace(0.0, 1.0, 201)[None]
+    times = np.asarray(np.linspace(0.0, 1.0, 201), dtype=np.float64)[None]
     slope = cubics.fits(times).slope[0]
     assert slope @ times[0] ** 2 == pytest.approx(1.0)  # d(t^2)/dt at 0.5
     assert np.square(slope).sum() == pytest.approx(75.0 / 200**3 / 0.005**2, rel=0.05)

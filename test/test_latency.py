@@ -36,7 +36,8 @@ def through(scene: Scene, late: int, steps: int, latency: int, lost: float = 0.0
     """The plant of ``scene``, its wrenches ``late`` periods on the way, some samples lost."""
     plant, connector = Plant(scene), Connector(dataclasses.replace(scene, latency=latency))
     rng, way = np.random.default_rng(1), [np.zeros(12)] * late
-    sample, last, gone = np.zeros(layout.NSAMPLE), np.zeros(12), 0
+    sample, gone = np.zeros(layout.NSAMPLE), 0
+    last: Array = np.zeros(12)
     energy, outs = np.empty(steps), []
     for k in range(steps):
         energy[k] = plant.energy()

@@ -149,7 +149,7 @@ def test_ends_on_a_shaft_are_those_of_the_reduced_equations(row: str, grade: str
 @pytest.mark.parametrize(("row", "grade"), [where for where, case in CASES.items() if case.end])
 def test_ends_are_those_of_the_motion_in_its_own_coordinates(row: str, grade: str) -> None:
     scene = CASES[row, grade].scene
-    times = np.arange(0.0, scene.plant.duration, 1e-2)
+    times = np.arange(0.0, scene.plant.duration, 1e-2, dtype=np.float64)
     states = solve(scene, times[-1], 1e-8, times).states
     slip = judge.end_slip(scene, times, judge.look(scene, states))
     assert (slip > judge.AT_REST) == (CASES[row, grade].end == SLIDES)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +140,7 @@ def solve(
     scene: Scene,
     duration: float | None = None,
     rtol: float | None = None,
-    times: Sequence[float] | Array | None = None,
+    times: Sequence[float] | NDArray[np.floating[Any]] | None = None,
     most_steps: int = 100_000,
 ) -> Solution:
     """Solve ``scene`` from the plant's initial state.

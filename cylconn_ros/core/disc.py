@@ -32,6 +32,7 @@ Two = tuple[float, float]
 
 MOST_STRETCHES = 500
 MOST_SEARCHED = 5000  # steps of 2 %: 44 decades
+TOUCHES = 1e-9  # excess that counts as none where bounds cannot tell
 ROUNDING = 4e-16  # a relative error that counts as none
 NOTHING = 1e-100  # N: below it squares leave the range of doubles
 
@@ -186,6 +187,12 @@ def _bound(part: float, other: float, step: float) -> float:
     return part * (1.0 + step) if part > 0.0 else other
 
 
+@inline
+def _last_force(law: Law, par: Array) -> float:
+    """The contact force from which on a table no longer depends on it."""
+    return float(par[law.table + law.rates + law.forces - 1])
+
+
 @jit
 def _free_of_roots(
     law: Law, par: Array, d: Disc, c: _Curve, growth: float, low: float, high: float
@@ -230,7 +237,7 @@ def _free_of_roots(
             return False
     mu = coefficient(law, par, high * size_high, here.normal)
     mu -= law.rate_slope * abs(high * size_high - low * size)
-    if law.force_slope > 0.0:
+    if law.force_slope > 0.0 and min(normal_high, normal_low) < _last_force(law, par):
         mu -= law.force_slope * growth * math.sqrt((x - u) * (x - u) + (y - v) * (y - v))
     mu = max(mu, law.kinetic)
     return mu * normal_high > size_high and mu * normal_low > size
@@ -285,8 +292,10 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, g_end: float) -> float
             continue
         if step < 1e-6 and g_low < 0.0:
             return _bracketed(law, par, d, c, low, g_low, high, g_high)
-        if step < 1e-15:  # touches without crossing: a double root
+        if step < 1e-15 and g_high <= TOUCHES:  # without crossing: a double root
             return high
+        if step < 1e-15:  # too sharp a bend for the bounds
+            break
         step *= 0.25
     return _searched(law, par, d, c, high, g_high, g_end)
 

@@ -35,11 +35,12 @@ class Fits(NamedTuple):
 
 def fits(times: Array) -> Fits:
     """Of windows with the ascending times (n, w + 1)."""
-    middle, half = 0.5 * (times[:, 0] + times[:, -1]), 0.5 * (times[:, -1] - times[:, 0])
+    middle: Array = 0.5 * (times[:, 0] + times[:, -1])
+    half: Array = 0.5 * (times[:, -1] - times[:, 0])
     x = (times - middle[:, None]) / half[:, None]
-    design = np.stack([np.ones_like(x), x, x * x, x**3], axis=2)
+    design = np.stack([np.ones_like(x), x, x * x, x**3], axis=2).astype(np.float64)
     turned = design.transpose(0, 2, 1)
-    solve = np.linalg.solve(turned @ design, turned)
+    solve = np.asarray(np.linalg.solve(turned @ design, turned), dtype=np.float64)
     return Fits(middle, solve[:, 0], solve[:, 1] / half[:, None], design, solve)
 
 

@@ -198,6 +198,9 @@ def _turning(o: Observed) -> tuple[Array, Array]:
     size += rigid.cross_size(wa, rigid.cross_size(wa, f.arm_a_size))
     axes = np.abs(f.axes)
     size += 2.0 * rigid.cross_size(wa, rigid.out_of(axes, o.w_size[:, :3]))
-    total = [rigid.into(f.axes, linear), rigid.into(f.axes, -np.cross(wa, wb))]
+    total = [
+        rigid.into(f.axes, linear),
+        rigid.into(f.axes, np.asarray(-np.cross(wa, wb), dtype=np.float64)),
+    ]
     sizes = [rigid.into(axes, size), rigid.into(axes, rigid.cross_size(wa, wb))]
     return np.concatenate(total, axis=1), np.concatenate(sizes, axis=1)

@@ -76,7 +76,7 @@ class Channel:
         self.faults = faults
         self._chance = np.random.default_rng(seed)
         self._waiting: list[Delivery] = []
-        self._acting = deque([np.zeros(12)] * faults.late)
+        self._acting: deque[Array] = deque([np.zeros(12)] * faults.late)
         self._bad = _bad_fields(faults.corrupt, fields)
 
     def stretch(self) -> float:

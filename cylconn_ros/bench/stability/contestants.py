@@ -143,7 +143,7 @@ def _offline(scene: Scene, faults: Faults) -> Trace:
     _alone(faults)
     if scene.reference.misalignment == "zero" and scene.node_b.orientation:
         raise LeftOutError("its coordinates hold the misalignment: nothing is pulled in")
-    times = np.arange(0.0, scene.plant.duration, scene.period)
+    times = np.arange(0.0, scene.plant.duration, scene.period, dtype=np.float64)
     return Trace(times, solve(scene, times[-1], RTOL, times, MOST_STEPS).states)
 
 

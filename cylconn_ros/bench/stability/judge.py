@@ -189,7 +189,8 @@ def gain(scene: Scene, trace: Trace, stretches: list[tuple[int, int]]) -> float:
 
 def energies(scene: Scene, states: Array) -> tuple[Array, Array]:
     """(N,) kinetic energy of both bodies, and gravity's work since some zero, J."""
-    kinetic, work = np.zeros(len(states)), np.zeros(len(states))
+    kinetic: Array = np.zeros(len(states))
+    work: Array = np.zeros(len(states))
     for body, at in ((scene.body_a, 0), (scene.body_b, 13)):
         if body.kind in ("free", "unknown"):
             t, g = _body(body, np.array(scene.gravity), states[:, at : at + 13])

@@ -109,7 +109,8 @@ def _faulty(scene: Scene, servant: Servant, faults: Faults) -> Trace:
     n, bodies = _steps(scene), _Bodies(scene)
     way = Channel(faults, _sent(scene))
     states, wrenches, time = np.zeros((n, 26)), np.zeros((n, 12)), np.zeros(n)
-    sample, newest = np.zeros(layout.NSAMPLE), np.zeros(12)
+    sample = np.zeros(layout.NSAMPLE)
+    newest: Array = np.zeros(12)
     now, clock, begins, half, done = 0.0, 0.0, [0], n // 2, n
     for k in range(n):
         again = 1
