@@ -35,7 +35,8 @@ class Loop:
 def through(scene: Scene, late: int, steps: int, latency: int, lost: float = 0.0) -> Loop:
     """The plant of ``scene``, its wrenches ``late`` periods on the way, some samples lost."""
     plant, connector = Plant(scene), Connector(dataclasses.replace(scene, latency=latency))
-    rng, way = np.random.default_rng(1), [np.zeros(12)] * late
+    rng = np.random.default_rng(1)
+    way: list[Array] = [np.zeros(12)] * late
     sample, gone = np.zeros(layout.NSAMPLE), 0
     last: Array = np.zeros(12)
     energy, outs = np.empty(steps), []

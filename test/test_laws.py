@@ -184,7 +184,9 @@ def broken() -> dict[str, tuple[int, str]]:
             sys.executable,
             "-c",
             DRIVER,
-            json.dumps({name: how for name, (how, _) in BREAKS.items()}),
+            json.dumps(
+                {name: (how, 320 * (law in ("", "roots"))) for name, (how, law) in BREAKS.items()}
+            ),
         ],
         capture_output=True,
         text=True,
