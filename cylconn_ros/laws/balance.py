@@ -38,11 +38,15 @@ def balance(p: Parameters, o: Observed, s: Step, out: Array) -> Array:
     scaled = factor[:, 0]
     com_a = rigid.norm(p.a.com) * size  # a published torque is moved to the mass centre and back
     com_b = rigid.norm(p.b.com) * size
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # a torque that is limited may be the small difference of large terms: the factor's rounding
+        terms = np.maximum(sizes + com_a, sizes_b + com_b)
+        blurred = scaled * np.where(excess, np.maximum(terms / greatest, 1.0), 1.0)
     rows = [
-        ratio(rigid.norm(fb - factor * force), scaled * size),
+        ratio(rigid.norm(fb - factor * force), blurred * size),
         ratio(rigid.norm(fa + fb), scaled * size),
-        ratio(rigid.norm(tb - factor * (lever_b + moment)), scaled * (sizes_b + com_b)),
-        ratio(rigid.norm(ta + factor * (lever_a + moment)), scaled * (sizes + com_a)),
+        ratio(rigid.norm(tb - factor * (lever_b + moment)), blurred * (sizes_b + com_b)),
+        ratio(rigid.norm(ta + factor * (lever_a + moment)), blurred * (sizes + com_a)),
         # about node b, and as the forces are opposite about any point
         ratio(
             rigid.norm(ta - np.cross(s.frame.arm_a, fa) + tb - np.cross(s.frame.arm_b, fb)),

@@ -109,6 +109,8 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
     low, high = limits
     low_size, high_size = sizes
     crossed = low > high
+    with np.errstate(invalid="ignore"):  # no room, or just a little: rounding decides
+        doubt |= (np.abs(high - low) <= 1e-12 * (low_size + high_size)).any(axis=1)
     middle = 0.5 * (np.where(crossed, low, 0.0) + np.where(crossed, high, 0.0))
     wide = 0.5 * (low_size + high_size)
     found = Bounds(
