@@ -24,7 +24,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core.compiled import inline, jit
-from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, last_force, limit
 from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
 from cylconn_ros.core.linear import Four, eigen2
 
@@ -187,12 +187,6 @@ def _bound(part: float, other: float, step: float) -> float:
     return part * (1.0 + step) if part > 0.0 else other
 
 
-@inline
-def _last_force(law: Law, par: Array) -> float:
-    """The contact force from which on a table no longer depends on it."""
-    return float(par[law.table + law.rates + law.forces - 1])
-
-
 @jit
 def _free_of_roots(
     law: Law, par: Array, d: Disc, c: _Curve, growth: float, low: float, high: float
@@ -237,7 +231,7 @@ def _free_of_roots(
             return False
     mu = coefficient(law, par, high * size_high, here.normal)
     mu -= law.rate_slope * abs(high * size_high - low * size)
-    if law.force_slope > 0.0 and min(normal_high, normal_low) < _last_force(law, par):
+    if law.force_slope > 0.0 and min(normal_high, normal_low) < last_force(law, par):
         mu -= law.force_slope * growth * math.sqrt((x - u) * (x - u) + (y - v) * (y - v))
     mu = max(mu, law.kinetic)
     return mu * normal_high > size_high and mu * normal_low > size

@@ -71,6 +71,12 @@ def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
 
 
 @inline
+def last_force(law: Law, par: Array) -> float:
+    """The contact force from which on a table no longer depends on it."""
+    return float(par[law.table + law.rates + law.forces - 1])
+
+
+@inline
 def limit(law: Law, par: Array, rate: float, force: float) -> float:
     """The greatest traction P (N) at a slip rate |s| and a contact force FN."""
     return min(law.cap, coefficient(law, par, rate, force) * force)
