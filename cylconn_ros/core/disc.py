@@ -286,10 +286,8 @@ def _first_root(law: Law, par: Array, d: Disc, c: _Curve, g_end: float) -> float
             continue
         if step < 1e-6 and g_low < 0.0:
             return _bracketed(law, par, d, c, low, g_low, high, g_high)
-        if step < 1e-15 and g_high <= TOUCHES:  # without crossing: a double root
-            return high
-        if step < 1e-15:  # too sharp a bend for the bounds
-            break
+        if step < 1e-15:  # it touches, a double root; or the bend is too sharp for the bounds
+            return high if g_high <= TOUCHES else _searched(law, par, d, c, high, g_high, g_end)
         step *= 0.25
     return _searched(law, par, d, c, high, g_high, g_end)
 
