@@ -111,7 +111,6 @@ def test_what_is_known_to_fail_fails(who: str, row: str, grade: str, how: str) -
 
 
 def test_mujocos_constant_friction_slides_through_a_jam() -> None:
-    pytest.importorskip("mujoco")
     assert verdict("coupling c (jam)", "2", "MuJoCo").reason.startswith("does not rest")
     assert verdict("coupling c (jam)", "2", "MuJoCo loop").survived
 
