@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cylconn_ros.core import disc, friction
+from cylconn_ros.core import curve, disc, friction
 from cylconn_ros.core.friction import Law
 from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
 
@@ -69,13 +69,13 @@ def test_table_is_bilinear_and_constant_beyond_its_ends() -> None:
     assert friction.coefficient(one, np.array([0.0, 1.0, 0.33]), 5.0, 5.0) == pytest.approx(0.33)
 
 
-def three_answers(was_stick: bool) -> disc.Solution:
+def three_answers() -> curve.Disc:
     """m=1, v=1, h=1 ms, mu=0.5, L=0.1, d=0.2, N0=1 N, 1 N.m of bending against friction's arm.
 
     f2 = 1 N; the bending moment is 1 - 0.2 |f1| (friction acts through the arm d): with 2/L = 20,
     FN = 1 + 20 |1 - 0.2 P|.
     """
-    problem = disc.disc_problem(
+    return curve.disc_problem(
         (1.0, 0.0),
         (1.0, 0.0),
         1e-3,
@@ -85,23 +85,34 @@ def three_answers(was_stick: bool) -> disc.Solution:
         (0.0, 0.0, 0.2, 0.0),
         (0.0, 0.0, 0.0, 0.0),
     )
-    return disc.solve_disc(law(0.5), PAR, problem, was_stick)
 
 
 def test_three_answers() -> None:
     """Case 11: a sliding sleeve takes 3.5 N, not 9.5; a stuck one stays stuck."""
-    sliding = three_answers(was_stick=False)
+    sliding = disc.solve_disc(law(0.5), PAR, three_answers(), False)
     assert sliding.regime == SLIP
     assert sliding.phi == pytest.approx((-3.5, 0.0), abs=1e-12)
     assert sliding.flags & SEVERAL_ROOTS
-    stuck = three_answers(was_stick=True)
+    stuck = disc.solve_disc(law(0.5), PAR, three_answers(), True)
     assert stuck.regime == STICK
     assert stuck.phi == pytest.approx((-1000.0, 0.0))
 
 
+def test_other_answers() -> None:
+    """Where bounds want another answer: next to stick, or of least traction after stick too."""
+    resting = disc.solve_otherwise(law(0.5), PAR, three_answers(), False)
+    assert resting.regime == STICK
+    assert resting.phi == pytest.approx((-1000.0, 0.0))
+    sliding = disc.solve_otherwise(law(0.5), PAR, three_answers(), True)
+    assert (sliding.regime, sliding.flags) == (SLIP, SEVERAL_ROOTS)
+    assert sliding.phi == pytest.approx((-3.5, 0.0), abs=1e-12)
+    unstuck = disc.solve_otherwise(law(0.001), PAR, three_answers(), False)
+    assert (unstuck.regime, unstuck.flags) == (SLIP, 0)
+
+
 def test_spin_frees_the_slide() -> None:
     """One disc, not a box: slide and spin share the limit by the slip direction."""
-    problem = disc.disc_problem(
+    problem = curve.disc_problem(
         (3.0, 4.0), (3.0, 4.0), 1e-6, 0.0, 1e-6, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
     )
     found = disc.solve_disc(law(0.5), PAR, problem, False)
@@ -110,7 +121,7 @@ def test_spin_frees_the_slide() -> None:
 
 
 def test_nothing_pressing_is_no_friction() -> None:
-    free = disc.disc_problem((1.0, 2.0), (1.0, 2.0), 1.0, 0.0, 1.0, *[(0.0, 0.0, 0.0, 0.0)] * 3)
+    free = curve.disc_problem((1.0, 2.0), (1.0, 2.0), 1.0, 0.0, 1.0, *[(0.0, 0.0, 0.0, 0.0)] * 3)
     found = disc.solve_disc(law(), PAR, free, False)
     assert (found.phi, found.s_end) == ((0.0, 0.0), (1.0, 2.0))
 
@@ -118,7 +129,7 @@ def test_nothing_pressing_is_no_friction() -> None:
 def test_self_locking_stops_within_the_step() -> None:
     """FN grows faster than friction: no finite sliding force, stick under any push."""
     for push in (1.0, 1e3, 1e6):
-        problem = disc.disc_problem(
+        problem = curve.disc_problem(
             (1.0, 0.0), (push, 0.0), 1e-3, 0, 1.0, (1.0, 0, 0, 0), (0.0, 0, 0.2, 0), (0.0, 0, 0, 0)
         )
         found = disc.solve_disc(law(0.5), PAR, problem, False)  # c = 0.5 * 20 * 0.2 = 2
@@ -151,7 +162,7 @@ def problems(seed: int, n: int) -> Iterator[tuple[Law, disc.Disc, np.ndarray, bo
                 bending=float(rng.choice([0.0, 1.0, 20.0])),
                 preload=float(rng.choice([0, 1, -1])) * scale * 10 ** rng.uniform(-2, 1),
             ),
-            disc.disc_problem(
+            curve.disc_problem(
                 tuple(s_minus), tuple(s_minus + push), s[0, 0], s[0, 1], s[1, 1],
                 tuple(base), tuple(c1), tuple(c2),
             ),
@@ -224,7 +235,7 @@ def least_scanned(law_: Law, d: disc.Disc, s: np.ndarray, was_stick: bool) -> fl
 def test_inertias_beyond_rounding_end_too() -> None:
     """70 t with an inertia of 1e-9 kg m^2 leave S indefinite by rounding: still an answer."""
     law_ = law(0.067, static=0.096, decay=0.476, rate_slope=0.0138, bending=4.17, preload=0.008)
-    problem = disc.disc_problem(
+    problem = curve.disc_problem(
         (-96.12008971843107, -0.9044862930735948),
         (-84.99906539980135, -10.257228859332232),
         7.13899e-07,

@@ -102,10 +102,10 @@ sides.solve_disc = broken
     ),
     "factor 2 in Fbend": (
         """
-whole = disc.contact
+whole = curve.contact
 def half(law, reaction):
     return whole(law._replace(bending=0.5 * law.bending), reaction)
-disc.contact = sides.contact = half
+curve.contact = disc.contact = sides.contact = half
 """,
         "D",
     ),
@@ -116,7 +116,7 @@ nothing = (0.0, 0.0, 0.0, 0.0)
 def broken(law, par, d, was_stick):
     lagged = d._replace(base=last.get(id(par), d.base), c1=nothing, c2=nothing)
     found = solve(law, par, lagged, was_stick)
-    last[id(par)] = disc.reaction(d, found.phi)
+    last[id(par)] = curve.reaction(d, found.phi)
     return found
 sides.solve_disc = broken
 """,
@@ -155,12 +155,12 @@ available.restitution_without_gain = lambda *given: given[-1]
 }
 DRIVER = """
 import contextlib, io, json, math, sys
-from cylconn_ros.core import bounds, disc, layout
+from cylconn_ros.core import bounds, curve, disc, layout
 from cylconn_ros.laws import sampling
 from cylconn_ros.methods import available, sides
 from cylconn_ros.cli.main import main
 sampling.BLOCK, sampling.CHAINS = 40, 1  # so that a scene's last step is the connector's last
-modules = [bounds, disc, available, sides]
+modules = [bounds, curve, disc, available, sides]
 sound = [dict(vars(module)) for module in modules]
 solve, told = sides.solve_disc, {}
 for name, (change, roots) in json.loads(sys.argv[1]).items():

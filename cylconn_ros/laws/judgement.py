@@ -1,15 +1,15 @@
 """Whether answers are the ones that the rules name, by solving their friction again.
 
-The solution of least traction for the sides that the answer chose; where that fits no choice of
-sides, the one nearest to stick. SEVERAL_ROOTS where it slips although stick is admissible. The
-coefficient of an impact is the greatest with which the work of its impulses on slide and spin is
-not positive.
+The solution that the rule names for the sides that the answer chose; where that fits no choice of
+sides, the one nearest to stick; where that fits none either, the one of least traction.
+SEVERAL_ROOTS where it slips although stick is admissible. The coefficient of an impact is the
+greatest with which the work of its impulses on slide and spin is not positive.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,15 @@ from cylconn_ros.laws import rigid
 from cylconn_ros.laws.bounds import Bounds, stop_sides
 from cylconn_ros.laws.observed import Observed, observe
 from cylconn_ros.laws.parameters import Bools, Parameters, Table
-from cylconn_ros.laws.reduced import WORST_CONDITION, problem_of
+from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.residual import Block
-from cylconn_ros.laws.roots import named, nearest_to_stick
+from cylconn_ros.laws.roots import least_traction, named, nearest_to_stick
 from cylconn_ros.laws.step import AVAILABLE, Step, begin
 from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
 CLOSE = 1e-3  # of phi: the same solution; that it is one to rounding is the matter of S and D
+Solve = Callable[[Problem, Sequence[Table]], Array]  # phi (n, 2)
 SLIGHT = 1e-7  # of energy and of a coefficient: as near as the search for one goes
 
 
@@ -98,14 +99,15 @@ def judge(block: Block) -> Found:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         found = named(q, tables)
         apart = _apart(given, found.phi)
-        # where the solution of least traction fits no choice of sides, that nearest to stick
+        # another one where those before it fit no choice of sides
         others = np.flatnonzero(apart & ~found.unsure & p.bounded[index])
-        last = _apart(given[others], nearest_to_stick(q.take(others), tables))
-        others = others[~last]
-        if len(others):
-            sub = index[others]
-            these = (o.take(sub), s.take(sub), b.take(sub))
-            apart[others] = fit_at_all(p.take(sub), tables, *these)
+        before: list[Solve] = [_named]
+        for solve in (nearest_to_stick, least_traction):
+            same = others[~_apart(given[others], solve(q.take(others), tables))]
+            sub = index[same]
+            these = (p.take(sub), tables, o.take(sub), s.take(sub), b.take(sub))
+            apart[same] = np.any([fit_at_all(*these, rule) for rule in before], axis=0)
+            before.append(solve)
     slips = out[index, layout.REGIME] == layout.SLIP
     flagged = out[index, layout.FLAGS].astype(np.int64) & layout.SEVERAL_ROOTS != 0
     free = ~np.asarray(held[index].any(axis=1))
@@ -124,19 +126,32 @@ def _apart(given: Array, expected: Array) -> Bools:
     return np.asarray(off | ~np.isfinite(expected).all(axis=1))
 
 
-def fit_at_all(p: Parameters, tables: Sequence[Table], o: Observed, s: Step, b: Bounds) -> Bools:
-    """(n,) whether the solution of least traction fits some choice of sides."""
+def _named(q: Problem, tables: Sequence[Table]) -> Array:
+    return named(q, tables).phi
+
+
+def fit_at_all(
+    p: Parameters, tables: Sequence[Table], o: Observed, s: Step, b: Bounds, solve: Solve
+) -> Bools:
+    """(n,) whether the solution that ``solve`` gives fits some choice of sides."""
     found = np.zeros(len(p.h), dtype=np.bool_)
     for choice in range(9):
         rows = np.flatnonzero(~found)
         if not len(rows):
             break
-        found[rows] = _fits(choice, p.take(rows), tables, o.take(rows), s.take(rows), b.take(rows))
+        these = (p.take(rows), tables, o.take(rows), s.take(rows), b.take(rows))
+        found[rows] = _fits(choice, *these, solve)
     return found
 
 
 def _fits(
-    choice: int, p: Parameters, tables: Sequence[Table], o: Observed, s: Step, b: Bounds
+    choice: int,
+    p: Parameters,
+    tables: Sequence[Table],
+    o: Observed,
+    s: Step,
+    b: Bounds,
+    solve: Solve,
 ) -> Bools:
     """(n,) whether it fits one of the nine choices of sides."""
     unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
@@ -145,7 +160,7 @@ def _fits(
     held = np.asarray(b.both | (side != 0.0))
     can = np.asarray(np.isfinite(np.where(held, rates, 0.0)).all(axis=1))
     q = problem_of(p, o, s, held, np.where(can[:, None], rates, 0.0))
-    phi = named(q, tables).phi
+    phi = solve(q, tables)
     reaction = q.push + rigid.out_of(q.push_by, phi) - unit * phi
     end = (q.free + rigid.out_of(q.s, phi)) / unit - s.hold
     inside = b.low * (1.0 - 1e-9 * np.sign(b.low)) <= end

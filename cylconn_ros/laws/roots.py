@@ -191,6 +191,12 @@ def nearest_to_stick(q: Problem, tables: Sequence[Table]) -> Array:
     )
 
 
+def least_traction(q: Problem, tables: Sequence[Table]) -> Array:
+    """(n, 2) the phi of the first root from r = inf, theta = 1, after stick too; stick if none."""
+    full = curve_of(q, 1.0)
+    return full.phi(first_root(full, tables)[0])
+
+
 def _cancelled(q: Problem, phi: Array) -> Array:
     """(n,) how much greater the terms of FN are than FN."""
     p, none = q.parameters, np.zeros(len(phi))

@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 from cylconn_ros.core import model
 from cylconn_ros.core.bounds import Held, Two, hold, imposed_force
 from cylconn_ros.core.compiled import inline, jit
-from cylconn_ros.core.disc import Solution, disc_problem, solve_disc
+from cylconn_ros.core.curve import disc_problem
+from cylconn_ros.core.disc import Solution, solve_disc
 from cylconn_ros.core.friction import Array, Law, contact, limit
 from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
 from cylconn_ros.core.linear import Four

@@ -16,10 +16,13 @@ from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.bounds import Bounds, Held, Two, hold
 from cylconn_ros.core.compiled import inline, jit
-from cylconn_ros.core.disc import disc_problem, reaction, solve_disc, solve_resting
+from cylconn_ros.core.curve import disc_problem, reaction
+from cylconn_ros.core.disc import solve_disc, solve_otherwise
 from cylconn_ros.core.friction import Array, contact, limit
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed
+
+NAMED, RESTING, SLIDING = 0, 1, 2  # which solution of friction: the rule's, or another
 
 
 class Reduced(NamedTuple):
@@ -96,24 +99,24 @@ def within(
     """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by trying who is held.
 
     Few components, so few choices: free, or held at either bound. Mostly the first is the one.
-    Where friction has several solutions the first of them may fit nowhere: then the solutions next
-    to stick are tried.
+    Where friction has several solutions the one that the rule names may fit nowhere: then those
+    next to stick are tried, and then those of least traction where the rule names stick.
     """
     fixed1, fixed2 = b1.low == b1.high, b2.low == b2.high
     best, best_sides, least = (
-        _solved(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2, False),
+        _solved(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2, NAMED),
         (0, 0),
         math.inf,
     )
-    for choice in range(18):
-        side1, side2, rests = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3], choice >= 9
+    for choice in range(27):
+        side1, side2, which = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3], choice // 9
         offered1, side1 = _offered(b1, side1)
         offered2, side2 = _offered(b2, side2)
         if not (offered1 and offered2):
             continue
         found = best
-        if side1 != 0 or side2 != 0 or rests:
-            found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, rests)
+        if side1 != 0 or side2 != 0 or which != NAMED:
+            found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, which)
         wrong = _wrong(b1, fixed1, side1, found.end[0], found.reaction[0], sp.s[0])
         wrong = max(wrong, _wrong(b2, fixed2, side2, found.end[1], found.reaction[1], sp.s[2]))
         if wrong < least:
@@ -156,14 +159,14 @@ def _solved(
     b1: Bounds,
     side2: int,
     b2: Bounds,
-    rests: bool,
+    which: int,
 ) -> Solved:
     """Friction and reactions with the components of side -1 (lower bound) and 1 (upper) held."""
     t1 = b1.low if side1 < 0 else b1.high
     t2 = b2.low if side2 < 0 else b2.high
     held = hold(sp.free, sp.s, (side1, side2), (t1, t2))
     friction, regime, flags, s_mean, residual = _friction(
-        par, mem, o, r, sp, held, h, explicit, rests
+        par, mem, o, r, sp, held, h, explicit, which
     )
     f, g = friction
     end = (
@@ -201,7 +204,7 @@ def restitution_without_gain(
         now = high if attempt == 0 else 0.5 * (low + high)
         c1 = Bounds(-now * v1, -now * v1, 0) if b1.impact != 0 else b1
         c2 = Bounds(-now * w1, -now * w1, 0) if b2.impact != 0 else b2
-        s = _solved(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2, False)
+        s = _solved(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2, NAMED)
         work = (s.friction[0] + s.reaction[0]) * (v1 + s.end[0])
         work += (s.friction[1] + s.reaction[1]) * (w1 + s.end[1])
         if work <= 0.0:
@@ -223,7 +226,7 @@ def _friction(
     held: Held,
     h: float,
     explicit: bool,
-    rests: bool,
+    which: int,
 ) -> tuple[Two, int, int, Two, float]:
     """(f1f, m1f), regime, flags, s~ and the residual of the law."""
     law = model.law(par)
@@ -251,7 +254,10 @@ def _friction(
     d = disc_problem(
         (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
     )
-    sol = solve_resting(law, par, d) if rests else solve_disc(law, par, d, was_stick)
+    if which == NAMED:
+        sol = solve_disc(law, par, d, was_stick)
+    else:
+        sol = solve_otherwise(law, par, d, which == SLIDING)
 
     p, q = sol.phi
     size = math.sqrt(p * p + q * q)
