@@ -81,9 +81,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float, unit: str) -> str:
-    """Three digits and the unit; a dash where there is no number."""
+    """Three digits and the unit; counts (no unit) whole; a dash where there is no number."""
     if not math.isfinite(value):
         return "–"
+    if not unit and float(value).is_integer():
+        return str(int(value))
     digits = f"{value:#.3g}".rstrip(".") if 1e-2 <= abs(value) < 1e4 else f"{value:.2e}"
     digits = "0" if value == 0.0 else digits
     return digits if unit in ("", "1") else f"{digits} {unit}"

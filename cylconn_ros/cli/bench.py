@@ -12,6 +12,8 @@
            MuJoCo and of what people write by hand
   node     delay and CPU time of a sample as a node, recording on and off, beside a usual rclpy
            node and the least a node can do
+  soak     millions of samples in lock step with a node that records them: memory, losses, and the
+           laws of the recording; an hour or less
 
 Contestants take turns; medians and quartiles of CPU time. Peers come with
 pip install '.[bench]'; an absent one is said to be absent. Exit code 1 where something
@@ -26,7 +28,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cylconn_ros.cli import scenes
+from cylconn_ros.cli import reliability, scenes
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.processes import private_environment
 from cylconn_ros.cli.progress import Progress
@@ -39,7 +41,7 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
     Part = Callable[[Settings], Findings]
 
 
-WHAT = ("kernel", "orders", "precision", "model", "stability", "node")
+WHAT = ("kernel", "orders", "precision", "model", "stability", "node", "soak")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--from", dest="kept", type=Path, metavar="FILE",
         help="measure nothing: print, document and draw results that -o has kept",
     )  # fmt: skip
+    parser.add_argument(
+        "--samples", type=int, metavar="N", help="soak: how many (2000000; --quick: 20000)"
+    )
     parser.add_argument("--strict", action="store_true", help="fail where a target is missed")
 
 
@@ -91,7 +96,7 @@ def _measured(options: argparse.Namespace, command: str) -> Report:
 
     settings = (Settings.short if options.quick else Settings)(_bundled)
     report = Report(command + (" --quick" if options.quick else ""), settings.described())
-    for name, part in parts(options.what):
+    for name, part in parts(options.what, options.samples):
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         report.findings.add(attempt(name, part, settings))
     if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
@@ -204,7 +209,7 @@ def _draw_map(folder: Path, report: Report) -> None:
     print("drawn: " + ", ".join(map(str, files)))
 
 
-def parts(what: str) -> Sequence[tuple[str, Part]]:
+def parts(what: str, samples: int | None = None) -> Sequence[tuple[str, Part]]:
     """The parts of a benchmark with what they measure; imported when they are asked for."""
     if what == "kernel":
         from cylconn_ros.bench import accuracy, kernel, startup
@@ -234,6 +239,8 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
                 lambda settings: node.measure(settings, private_environment()),
             ),
         )
+    if what == "soak":
+        return (("a node that records", reliability.soak(samples)),)
     from cylconn_ros.bench import orders
 
     return (("orders and costs of every method", orders.measure),)

@@ -1,15 +1,23 @@
-"""The laws of a run in process, for the map of stability, whose room does not know the laws."""
+"""The laws of a run, in process or recorded, for whoever is in a room that does not know them."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.connector.packing import choose_method
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
+
+if TYPE_CHECKING:
+    from cylconn_ros.laws.recorded import Recorded
+    from cylconn_ros.laws.tally import Tally
 
 Array = NDArray[np.float64]
 
@@ -40,3 +48,31 @@ def broken(scene: Scene, states: Array, outs: Array) -> str:
         if not worst <= TOLERANCE:
             return f"law {letter} ({claims.TITLES[letter]}) off by {worst:.1e}"
     return ""
+
+
+def checked(run: Path, progress: Callable[[int, int], object]) -> tuple[Recorded, Tally]:
+    """The samples of a recorded run, and what the laws say of them.
+
+    Raises CommandError where none are stated for such a run, RecordingError where it cannot be
+    read.
+    """
+    from cylconn_ros.laws import checks
+    from cylconn_ros.laws.claims import CLAIMS
+    from cylconn_ros.laws.recorded import samples_of
+    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.recording.reader import read_run
+
+    tally = Tally()
+    recorded = samples_of(read_run(run))
+    if recorded.method not in CLAIMS:
+        raise CommandError(f"{run}: no laws are stated for method {recorded.method}")
+    if recorded.scene.latency != 0:
+        raise CommandError(
+            f"{run}: latency = {recorded.scene.latency}: its answers are for "
+            "predicted states, which are not in the recording; no laws are stated for them"
+        )
+    for done, (block, index) in enumerate(recorded.blocks()):
+        residuals = checks.check(block, recorded.method)
+        tally.add(residuals, block.out, (index,))
+        progress(done + 1, recorded.parts)
+    return recorded, tally

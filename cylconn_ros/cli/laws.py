@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cylconn_ros.cli import lawful
 from cylconn_ros.cli import laws_report as report
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
@@ -221,26 +222,8 @@ def _next(
 
 def _recorded(options: argparse.Namespace) -> int:
     """Check the samples of a recorded run."""
-    from cylconn_ros.laws import checks
-    from cylconn_ros.laws.claims import CLAIMS
-    from cylconn_ros.laws.recorded import samples_of
-    from cylconn_ros.laws.tally import Tally
-    from cylconn_ros.recording.reader import read_run
-
-    tally = Tally()
-    recorded = samples_of(read_run(options.recording))
-    if recorded.method not in CLAIMS:
-        raise CommandError(f"{options.recording}: no laws are stated for method {recorded.method}")
-    if recorded.scene.latency != 0:
-        raise CommandError(
-            f"{options.recording}: latency = {recorded.scene.latency}: its answers are for "
-            "predicted states, which are not in the recording; no laws are stated for them"
-        )
     with Progress("laws") as bar:
-        for done, (block, index) in enumerate(recorded.blocks()):
-            residuals = checks.check(block, recorded.method)
-            tally.add(residuals, block.out, (index,))
-            bar(done + 1, recorded.parts)
+        recorded, tally = lawful.checked(options.recording, bar)
     print(f"method {recorded.method}: {tally.samples} samples of {options.recording}\n")
     print("\n".join([*report.laws(tally, "sample"), *report.regimes(tally)]))
     if recorded.left_out:
