@@ -20,6 +20,7 @@ class Settings:
         load: finds scenes. quick: the short form, whose numbers are rough.
         rounds: how often every contestant has its turn. block: CPU seconds of one turn.
         starts: how many fresh processes a start-up is measured on.
+        samples: of a soak; None: as many as its form says.
     """
 
     load: SceneLoader
@@ -27,6 +28,7 @@ class Settings:
     rounds: int = 31
     block: float = 0.02
     starts: int = 5
+    samples: int | None = None
 
     @classmethod
     def short(cls, load: SceneLoader) -> Settings:

@@ -23,6 +23,7 @@ could not be measured, and with --strict where a target was missed.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -95,8 +96,9 @@ def _measured(options: argparse.Namespace, command: str) -> Report:
     from cylconn_ros.bench.settings import Settings
 
     settings = (Settings.short if options.quick else Settings)(_bundled)
+    settings = dataclasses.replace(settings, samples=options.samples)
     report = Report(command + (" --quick" if options.quick else ""), settings.described())
-    for name, part in parts(options.what, options.samples):
+    for name, part in parts(options.what):
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         report.findings.add(attempt(name, part, settings))
     if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
@@ -209,7 +211,7 @@ def _draw_map(folder: Path, report: Report) -> None:
     print("drawn: " + ", ".join(map(str, files)))
 
 
-def parts(what: str, samples: int | None = None) -> Sequence[tuple[str, Part]]:
+def parts(what: str) -> Sequence[tuple[str, Part]]:
     """The parts of a benchmark with what they measure; imported when they are asked for."""
     if what == "kernel":
         from cylconn_ros.bench import accuracy, kernel, startup
@@ -240,7 +242,7 @@ def parts(what: str, samples: int | None = None) -> Sequence[tuple[str, Part]]:
             ),
         )
     if what == "soak":
-        return (("a node that records", reliability.soak(samples)),)
+        return (("a node that records", reliability.soak),)
     from cylconn_ros.bench import orders
 
     return (("orders and costs of every method", orders.measure),)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,17 +15,13 @@ if TYPE_CHECKING:
     from cylconn_ros.bench.soak import Checked
 
 
-def soak(samples: int | None) -> Callable[[Settings], Findings]:
-    """The measuring of a soak of so many samples; None: as many as its form says."""
+def soak(settings: Settings) -> Findings:
+    """A soak of as many samples as the settings say."""
+    from cylconn_ros.bench import soak
 
-    def measure(settings: Settings) -> Findings:
-        from cylconn_ros.bench import soak
-
-        count = samples or (soak.QUICK if settings.quick else soak.SAMPLES)
-        with Progress("soak") as bar:
-            return soak.measure(count, private_environment(), check, bar)
-
-    return measure
+    samples = settings.samples or (soak.QUICK if settings.quick else soak.SAMPLES)
+    with Progress("soak") as bar:
+        return soak.measure(samples, private_environment(), check, bar)
 
 
 def check(run: Path) -> Checked:
