@@ -103,6 +103,7 @@ def judge(block: Block) -> Found:
         others = np.flatnonzero(apart & ~found.unsure & p.bounded[index])
         before: list[Solve] = [_named]
         for solve in (nearest_to_stick, least_traction):
+            others = others[apart[others]]
             same = others[~_apart(given[others], solve(q.take(others), tables))]
             sub = index[same]
             these = (p.take(sub), tables, o.take(sub), s.take(sub), b.take(sub))

@@ -16,6 +16,7 @@ from cylconn_ros.recording.interfaces import interface
 
 _STAMP = struct.Struct("<iI")
 _KEPT = 200_000  # pairs that differ, a topic, to be looked into
+LEAST = 1e-6  # of a field's unit: smaller fields are rounding errors, as residual and offset are
 TIMING = "computing_time"  # of no two runs the same
 
 
@@ -113,7 +114,7 @@ class Comparison:
         )
 
     def result(self, tolerance: float) -> list[Topic]:
-        """Every topic; ``tolerance`` is relative to the greatest size of a field."""
+        """Every topic; ``tolerance`` is relative to the greatest size of a field, or to LEAST."""
         for (name, _, old), data in self._waiting.items():
             topic = self._topics[name]
             if old and not data.endswith(self._zero):  # no zero wrench of a pause in the input
@@ -155,7 +156,7 @@ def _differences(
             differs, size = distance > 0.0, float(np.nanmax(np.abs(one), initial=0.0))
         if not differs.any():
             continue
-        beyond = distance > tolerance * (size if size > 0.0 else 1.0)
+        beyond = distance > tolerance * max(size, LEAST)
         at = int(np.argmax(beyond if beyond.any() else differs))
         worst = float(distance.max())
         found.append(
