@@ -27,6 +27,7 @@ from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.ros.comparing import Comparison, Topic
 from cylconn_ros.ros.replaying import Replay
+from cylconn_ros.ros.stretches import Stretch
 
 _SHOWN = 6  # fields a topic
 
@@ -69,11 +70,10 @@ def run(options: argparse.Namespace) -> int:
     if comparison is None and options.output is None:
         replay.answering.wanted = lambda _: False  # nobody looks at states
     print(f"model       {replay.answering.connector.model}")
-    began = time.perf_counter()
+    began = time.perf_counter(), time.process_time()
     with Progress(f"replay {bag.path.name}") as progress:
         _go(replay, comparison, options.output, progress)
-    seconds = time.perf_counter() - began
-    _tell(replay, seconds)
+    _tell(replay, time.perf_counter() - began[0], time.process_time() - began[1])
     well = not bag.damage and replay.counts.answers > 0
     if comparison is not None:
         well &= _show(comparison.result(options.tolerance), options.tolerance)
@@ -99,12 +99,20 @@ def _go(
         }
         writer = RunWriter(output, replay.topics(), texts, replay.scene.record.compression)
     try:
-        for topic, log_time, data, replayed in replay.messages():
-            if writer is not None and (replayed or topic in replay.taken):
-                writer.write(topic, data, log_time, log_time)
-            if comparison is not None and topic in comparison.topics:
-                (comparison.replayed if replayed else comparison.recorded)(topic, data)
+        for part in replay.parts():
             progress(replay.bag.done, replay.bag.size)
+            if isinstance(part, Stretch):
+                if writer is None and comparison is None:
+                    continue
+                items = replay.unfold(part)
+            else:
+                items = iter((part,))
+            for topic, log_time, data, replayed in items:
+                if writer is not None and (replayed or topic in replay.taken):
+                    writer.write(topic, data, log_time, log_time)
+                if comparison is not None and topic in comparison.topics:
+                    (comparison.replayed if replayed else comparison.recorded)(topic, data)
+        progress(1, 1)
     finally:
         if writer is not None:
             writer.close()
@@ -146,7 +154,7 @@ def _renamed(texts: list[str]) -> dict[str, str]:
     return renamed
 
 
-def _tell(replay: Replay, seconds: float) -> None:
+def _tell(replay: Replay, seconds: float, busy: float) -> None:
     counts, health = replay.counts, replay.answering.health
     print(
         f"messages    {counts.read} read, {counts.used} used, {counts.outputs} recorded outputs, "
@@ -154,8 +162,11 @@ def _tell(replay: Replay, seconds: float) -> None:
     )
     for name, topic in replay.inputs.items():
         print(f"  {name:<14} {counts.by_topic.get(topic, 0):>9}  {topic}")
-    share = 1e6 * seconds / counts.used if counts.used else 0.0
-    print(f"answers     {counts.answers} in {seconds:.2f} s, {share:.1f} us an input message")
+    share, busy = (1e6 * t / counts.used if counts.used else 0.0 for t in (seconds, busy))
+    print(
+        f"answers     {counts.answers} in {seconds:.2f} s, {share:.2f} us an input message "
+        f"({busy:.2f} us of CPU time)"
+    )
     unused = {
         "undecodable": health.undecodable,
         "not finite": health.not_finite,

@@ -6,6 +6,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector import series
 from cylconn_ros.connector.description import describe_model
 from cylconn_ros.connector.packing import choose_method, pack
 from cylconn_ros.connector.scene import Scene
@@ -104,6 +105,18 @@ class Connector:
         """Answer (N, NSAMPLE) samples in order: (N, NOUT). The scene's period must not be 0."""
         outs = np.empty((len(samples), layout.NOUT))
         self._steps.run(self._method, self._par, self._mem, samples, self._period, outs)
+        return outs
+
+    def run_each(self, samples: Array, since: Array, outs: Array) -> Array:
+        """Answer (N, NSAMPLE) samples in order into (N, NOUT), as N calls of :meth:`step` do.
+
+        ``since``: (N,) seconds since the sample before.
+        """
+        if self.method == "minimal":  # its step is long: what a call costs is nothing beside it
+            for sample, h, out in zip(samples, since.tolist(), outs, strict=True):
+                self.step(sample, h, out)
+        else:
+            series.run(self._method, self._par, self._mem, samples, since, self._period, outs)
         return outs
 
 

@@ -178,6 +178,21 @@ class SampleMatcher:
             self.received[name] += 1
         return self._begin(stamp, self._last)
 
+    @property
+    def loads(self) -> tuple[tuple[Vector, bool] | None, ...]:
+        """For each body the load in force and whether it is in world axes, or None."""
+        return tuple(self._loads)
+
+    def went_on(self, stamp: int, before: int, samples: int) -> None:
+        """Count ``samples`` that were matched elsewhere, as :meth:`straight` would have.
+
+        ``stamp`` and ``before``: of the last of them, and of the one before it.
+        """
+        for name in self._names:
+            self.received[name] += samples
+        self._begin(stamp, before)
+        self.counts.samples += samples - 1
+
     def pose(self, body: int, stamp: int, frame: str, pose: Vector) -> Matched | None:
         """Take the pose (7: position, quaternion) of body A (0) or B (1) in the world."""
         if frame and frame != self._world:

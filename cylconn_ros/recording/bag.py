@@ -13,10 +13,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from .blocks import Block, Found, of_messages
 from .errors import RecordingError
 from .source import Source
 
 SUFFIXES = (".mcap", ".db3")
+
+
+_ROWS = 2000  # of a database that are read at once
 
 
 class Message(NamedTuple):
@@ -25,6 +29,14 @@ class Message(NamedTuple):
     topic: str
     log_time: int
     data: bytes
+
+
+class Topics(dict[int, str]):
+    """Topics by the number of their channel; one that nothing describes has a name, too."""
+
+    def __missing__(self, channel: int) -> str:
+        """Name it."""
+        return f"(channel {channel}, not described)"
 
 
 class Bag:
@@ -57,24 +69,30 @@ class Bag:
 
     def messages(self) -> Iterator[Message]:
         """Every message, in the order in which they stand in the files."""
+        for topics, block in self.blocks():
+            for channel, log_time, _, data in block.messages():
+                yield Message(topics[channel], log_time, data)
+
+    def blocks(self) -> Iterator[tuple[Topics, Block]]:
+        """The same by the block, with the topics of its channels."""
         before = 0
         damages = []
         for file, size in zip(self._files, self._sizes, strict=True):
             try:
                 if file.suffix == ".db3":
-                    for message, share in _of_database(file):
+                    for topics, block, share in _of_database(file):
                         self.done = before + int(share * size)
-                        yield message
+                        yield topics, block
                 else:
                     with file.open("rb") as stream:
                         source = Source(stream, size)
-                        channels: dict[int, str] = {}
-                        for found in source.messages():
-                            topic = channels.get(found.channel)
-                            if topic is None:
-                                topic = channels[found.channel] = _topic(source, found.channel)
+                        topics = Topics()
+                        for block in source.blocks():
+                            if len(source.channels) > len(topics):
+                                known = source.channels.items()
+                                topics = Topics({number: c.topic for number, c in known})
                             self.done = before + source.at
-                            yield Message(topic, found.log_time, found.data)
+                            yield topics, block
                     if source.damage:
                         damages.append(f"{file.name}: {source.damage}")
             except OSError as error:
@@ -109,10 +127,6 @@ class Bag:
             )
 
 
-def _topic(source: Source, number: int) -> str:
-    return str(source.channels[number].topic)
-
-
 def _files(path: Path) -> tuple[list[Path], dict[str, Any]]:
     """The files of a recording in order, and what else its metadata.yaml tells."""
     if not path.is_dir():
@@ -142,11 +156,16 @@ def _database(file: Path) -> sqlite3.Connection:
     return sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
 
 
-def _of_database(file: Path) -> Iterator[tuple[Message, float]]:
+def _of_database(file: Path) -> Iterator[tuple[Topics, Block, float]]:
     """Messages of a SQLite recording and the share of them that has been read."""
     with closing(_database(file)) as database:
         names = dict(database.execute("SELECT id, name FROM topics"))
+        numbers = {topic: k for k, topic in enumerate(names)}  # of the database: any
+        topics = Topics({k: names[topic] for topic, k in numbers.items()})
         (count,) = database.execute("SELECT COUNT(*) FROM messages").fetchone()
         rows = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-        for k, (topic, time, data) in enumerate(rows):
-            yield Message(names[topic], time, bytes(data)), (k + 1) / count
+        done = 0
+        while part := rows.fetchmany(_ROWS):
+            done += len(part)
+            found = [Found(numbers[topic], time, time, bytes(data)) for topic, time, data in part]
+            yield topics, of_messages(found), done / count

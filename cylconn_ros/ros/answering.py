@@ -205,6 +205,27 @@ class Answering:
         """(NOUT,) the numbers of the last answer (core/layout.py)."""
         return self._out
 
+    @property
+    def between_samples(self) -> bool:
+        """Whether samples have come, and nothing is held for the next."""
+        matcher = self.matcher
+        return not (self._lane.held or matcher.waiting or matcher.last_stamp is None)
+
+    def went_on(self, sample: np.ndarray, stamp: int, out: np.ndarray) -> None:
+        """Samples were answered elsewhere, these being the last and its answer."""
+        self.matcher.sample[:], self._out[:] = sample, out
+        self._answer = self._write(stamp, out, out[layout.REGIME : layout.NOUT].tolist())
+
+    def rows(self, name: str, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
+        """(n, bytes) uint8: messages of an output for (n,) stamps in ns, (n, NOUT) answers."""
+        if name == STATE_TOPIC:
+            return self._state.rows(stamps, outs)
+        if name == JOINTS_TOPIC:
+            return self._joints.rows(stamps, outs[:, _JOINTS].reshape(len(outs), 3, 2))
+        body = BODIES.index(name.partition("/")[0])
+        at = (layout.FORCE_A, layout.FORCE_B)[body]
+        return self._wrenches[body].rows(stamps, outs[:, at : at + 6])
+
     def zero(self) -> Answer | None:
         """Zero wrenches for when samples have stopped, or None where none was ever answered.
 

@@ -58,6 +58,21 @@ def _stamp(data: bytearray, stamp: int) -> None:
     _STAMP.pack_into(data, _HEADER, *divmod(stamp, _SECOND))
 
 
+def _rows(message: bytes, stamps: np.ndarray) -> np.ndarray:
+    """(n, bytes) uint8: a message once for each of (n,) stamps in ns."""
+    rows = np.empty((len(stamps), len(message)), np.uint8)
+    rows[:] = np.frombuffer(message, np.uint8)
+    times = np.stack(np.divmod(stamps, _SECOND), axis=1).astype("=i4")
+    rows[:, _HEADER:_WORDS] = times.view(np.uint8)
+    return rows
+
+
+def _put(rows: np.ndarray, at: int, numbers: np.ndarray) -> None:
+    """Write (n, k) numbers into messages (n, bytes)."""
+    block = np.ascontiguousarray(numbers).view(np.uint8)
+    rows[:, at : at + block.shape[1]] = block
+
+
 class StampedWriter:
     """Write PoseStamped (``count`` 7), TwistStamped or WrenchStamped (6) messages of one frame."""
 
@@ -73,6 +88,12 @@ class StampedWriter:
     def join(self, stamp: bytes, numbers: bytes) -> bytes:
         """The same of what is bytes already."""
         return b"".join((_ENCAPSULATION, stamp, self._words, numbers))
+
+    def rows(self, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(n, bytes) uint8: what :meth:`write` gives for (n,) stamps and (n, count) values."""
+        found = _rows(self.join(stamp_bytes(0), bytes(8 * values.shape[1])), stamps)
+        _put(found, _WORDS + len(self._words), values)
+        return found
 
 
 class OdometryWriter:
@@ -123,6 +144,13 @@ class JointStateWriter:
             self._numbers.pack_into(self._data, at, *values)
         return bytes(self._data)
 
+    def rows(self, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(n, bytes) uint8: the same for (n,) stamps and (n, 3, joints) values."""
+        found = _rows(bytes(self._data), stamps)
+        for k, at in enumerate(self._blocks):
+            _put(found, at, values[:, k])
+        return found
+
 
 class StateWriter:
     """Write ConnectorState messages from the connector's OUT array."""
@@ -151,3 +179,13 @@ class StateWriter:
         regime, stop, lock, status, flags = whole
         small = _NUMBERS.pack(int(regime), int(stop), int(lock), int(status), int(flags))
         return b"".join((_ENCAPSULATION, stamp, self._words, numbers, small, self._end))
+
+    def rows(self, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
+        """(n, bytes) uint8: what :meth:`write` gives for (n,) stamps and (n, NOUT) answers."""
+        found = _rows(self.write(0, np.zeros(layout.NOUT)), stamps)
+        _put(found, self._block, outs[:, layout.STATE])
+        whole = outs[:, layout.REGIME : layout.NOUT]
+        at = self._block + 8 * layout.NSTATE
+        found[:, at : at + 4] = whole[:, :4]
+        _put(found, at + 4, whole[:, 4:].astype("=u4"))
+        return found

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from cylconn_ros.core import layout
+
+_WORST = (
+    layout.OFFSET_VIOLATION, layout.ANGULAR_VIOLATION, layout.RESIDUAL, layout.COMPUTING_TIME,
+)  # fmt: skip
+_WORST_NAMES = ("worst_offset", "worst_angle", "worst_residual", "worst_time")
 
 
 @dataclasses.dataclass
@@ -38,3 +45,23 @@ class Health:
         self.worst_residual = self.worst_offset = self.worst_angle = self.worst_time = 0.0
         self.flags = self.stops = 0
         return copy
+
+    def examine(self, outs: np.ndarray) -> None:
+        """Keep what diagnostics will say about (n, NOUT) answers."""
+        status = outs[:, layout.STATUS]
+        good = status == layout.OK
+        if not good.all():
+            self.not_finite += int(np.count_nonzero(status == layout.NOT_FINITE))
+            self.bad_quaternion += int(np.count_nonzero(status == layout.BAD_QUATERNION))
+            self.no_period += int(np.count_nonzero(status == layout.NO_PERIOD))
+            outs = outs[good]
+            if not len(outs):
+                return
+        worst = np.fmax.reduce(outs[:, _WORST])
+        for name, value in zip(_WORST_NAMES, worst.tolist(), strict=True):
+            if value > getattr(self, name):
+                setattr(self, name, value)
+        whole = outs[:, layout.REGIME : layout.NOUT].astype(np.int64)
+        self.flags |= int(np.bitwise_or.reduce(whole[:, layout.FLAGS - layout.REGIME]))
+        self.stops |= int(np.bitwise_or.reduce(whole[:, layout.STOP - layout.REGIME]))
+        self.regime, self.lock = int(whole[-1, 0]), int(whole[-1, layout.LOCK - layout.REGIME])

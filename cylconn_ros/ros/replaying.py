@@ -8,16 +8,21 @@ but for the time that an answer took.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from cylconn_ros.connector.scene import Scene
-from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.bag import Bag, Topics
+from cylconn_ros.recording.blocks import Block
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.ros.answering import COMMAND, OUTPUTS, STATE_TOPIC, Answering
+from cylconn_ros.ros.answering import COMMAND, OUTPUTS, STATE_TOPIC, Answer, Answering
+from cylconn_ros.ros.stretches import Stretch, Stretches
 
 NODE = "/connector"
+_FEW = 64  # messages between two looks whether a stretch may begin
 
 
 class Item(NamedTuple):
@@ -68,33 +73,107 @@ class Replay:
         self.taken = frozenset(self.inputs.values())
         self.timing = {self.names[STATE_TOPIC]: self.answering.timing}
         self.counts = Counts()
+        self._published = set(self.names.values())
+        self._receive: dict[str, Callable[[bytes], Answer | None]] = {}
 
     def messages(self) -> Iterator[Item]:
         """Every message of an input or output, as recorded, and every answer's where it is due."""
-        receive = {
-            topic: self.answering.inputs[name].receive for name, topic in self.inputs.items()
-        }
-        published, counts = set(self.names.values()), self.counts
-        by_topic = counts.by_topic
+        self._listen()
         for topic, log_time, data in self.bag.messages():
-            counts.read += 1
-            take = receive.get(topic)
-            if take is None:
-                if topic in published:
-                    counts.outputs += 1
-                    yield Item(topic, log_time, data, False)
+            yield from self._one(topic, log_time, data)
+        self._settle()
+
+    def parts(self) -> Iterator[Item | Stretch]:
+        """The same, sooner: where messages are alike, many samples are one part.
+
+        A stretch is to be looked at before the next part is asked for.
+        """
+        self._listen()
+        by_topic = {topic: name for name, topic in self.inputs.items()}
+        stretches = Stretches(self.answering, by_topic)
+        for topics, block in self.bag.blocks():
+            at = 0
+            while at < len(block):
+                stretch = stretches.next(topics, block, at)
+                if stretch is None:
+                    at = yield from self._ordinarily(topics, block, at, stretches)
                 else:
-                    counts.foreign += 1
-                continue
-            by_topic[topic] = by_topic.get(topic, 0) + 1
-            counts.used += 1
-            yield Item(topic, log_time, data, False)
-            answer = take(data)
-            if answer is not None:
-                counts.answers += 1
-                for (name, _), answered in zip(OUTPUTS, answer[1:], strict=True):
-                    if answered is not None:
-                        yield Item(self.names[name], log_time, answered, True)
+                    at = stretch.end
+                    self._count(stretch)
+                    yield stretch
+        self._settle()
+
+    def _listen(self) -> None:
+        inputs = self.answering.inputs
+        self._receive = {topic: inputs[name].receive for name, topic in self.inputs.items()}
+
+    def _ordinarily(
+        self, topics: Topics, block: Block, begin: int, stretches: Stretches
+    ) -> Generator[Item, None, int]:
+        """Messages up to where a stretch may begin, or a few; gives the number of the next."""
+        end = min(begin + _FEW, len(block))
+        for k, (channel, log_time, _, data) in enumerate(block.messages(begin, end), begin + 1):
+            topic = topics[channel]
+            yield from self._one(topic, log_time, data)
+            if topic in self.taken and stretches.may_begin(topic, data):
+                return k
+        return end
+
+    def _one(self, topic: str, log_time: int, data: bytes) -> Iterator[Item]:
+        """A message as recorded, and what answers it."""
+        counts = self.counts
+        counts.read += 1
+        take = self._receive.get(topic)
+        if take is None:
+            if topic in self._published:
+                counts.outputs += 1
+                yield Item(topic, log_time, data, False)
+            else:
+                counts.foreign += 1
+            return
+        counts.by_topic[topic] = counts.by_topic.get(topic, 0) + 1
+        counts.used += 1
+        yield Item(topic, log_time, data, False)
+        answer = take(data)
+        if answer is not None:
+            counts.answers += 1
+            for (name, _), answered in zip(OUTPUTS, answer[1:], strict=True):
+                if answered is not None:
+                    yield Item(self.names[name], log_time, answered, True)
+
+    def _count(self, stretch: Stretch) -> None:
+        """Count the messages of a stretch."""
+        counts, topics = self.counts, stretch.topics
+        channels = stretch.block.channel[stretch.begin : stretch.end].astype(np.int64)
+        for channel, number in enumerate(np.bincount(channels).tolist()):
+            topic = topics[channel] if number else ""
+            counts.read += number
+            if topic in self.taken:
+                counts.used += number
+                counts.by_topic[topic] = counts.by_topic.get(topic, 0) + number
+            elif topic in self._published:
+                counts.outputs += number
+            else:
+                counts.foreign += number
+        counts.answers += len(stretch)
+
+    def unfold(self, stretch: Stretch) -> Iterator[Item]:
+        """The messages of a stretch, one by one."""
+        topics, begin = stretch.topics, stretch.begin
+        rows = [(self.names[name], stretch.rows(name)) for name, _ in OUTPUTS]
+        closing = iter([*enumerate(stretch.closing.tolist()), (0, -1)])
+        sample, last = next(closing)
+        for k, found in enumerate(stretch.block.messages(begin, stretch.end), begin):
+            topic = topics[found.channel]
+            if topic in self.taken or topic in self._published:
+                yield Item(topic, found.log_time, found.data, False)
+            if k == last:
+                for name, data in rows:
+                    yield Item(name, found.log_time, data[sample].tobytes(), True)
+                sample, last = next(closing)
+
+    def _settle(self) -> None:
+        """Count what is held for samples that are not complete."""
         self.answering.settle()
         self.answering.settle()
 

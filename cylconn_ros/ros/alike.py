@@ -1,0 +1,210 @@
+"""Samples out of a block of recorded messages, as long as these are alike: compiled.
+
+A recorder's messages of a topic differ in stamp and numbers only. Where the messages of every
+sample stand together, all with one stamp newer than the last, as nearly all do, the numbers are
+copied as they stand. The stretch ends at the first message that is otherwise: what to make of that
+one is decided on the ordinary way (matching.py), not here.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import layout
+from cylconn_ros.core.compiled import COMPILED, entry, jit
+from cylconn_ros.ros import cdr
+
+POSSIBLE: Final = COMPILED and sys.byteorder == "little"
+
+POSE, TWIST, ODOMETRY = 0, 1, 2  # kinds of a stream
+STREAMS: Final = 6  # poses and twists of both bodies as in matching.STREAMS, then both odometries
+IN_WORLD, IN_BODY = 1, 2  # axes of a load; 0: there is none
+NOT_READ: Final = -1  # channels of no input
+OTHER: Final = -2  # channels of inputs that are not about motion: a stretch ends there
+
+MOST_WORDS: Final = 64  # of eight bytes, between stamp and numbers
+_AT, _SIZE, _TWIST_AT, _WORDS, _TURNED = 0, 1, 2, 3, 4
+_HEAD: Final = 256  # little-endian plain CDR, as a number
+_SECOND: Final = 1_000_000_000
+_INFINITE: Final = np.inf
+
+Integers = NDArray[np.int64]
+Longs = NDArray[np.uint64]
+Array = NDArray[np.float64]
+
+
+class Form(NamedTuple):
+    """What the messages of a stream have in common.
+
+    numbers: (5,) where the numbers begin, bytes of a message, where an odometry's twist begins,
+    words between stamp and numbers, whether the twist is in body axes. words: those (64,). foreign:
+    frames of a message that name no frame of the scene.
+    """
+
+    numbers: Integers
+    words: Longs
+    foreign: int
+
+
+class Frames(NamedTuple):
+    """Names by which a message's axes are known."""
+
+    world: str
+    body: str
+    twist_in_world: bool  # where a twist's frame says neither
+
+
+def form(kind: int, data: bytes, frames: Frames) -> Form | None:
+    """The form of a message, or None where others like it have to go the ordinary way."""
+    try:
+        if kind == ODOMETRY:
+            _, frame, child, _, _ = cdr.read_odometry(data)
+            turned, foreign = child != frames.world, int(frame not in ("", frames.world))
+            foreign += child not in (frames.world, frames.body, "")
+            size = 8 * (7 + 36 + 6 + 36)
+        elif kind == POSE:
+            frame = cdr.read_pose(data).frame
+            turned, foreign, size = False, int(frame not in ("", frames.world)), 8 * 7
+        else:
+            frame = cdr.read_twist(data).frame
+            known = frame in (frames.world, frames.body)
+            turned = frame == frames.body if known else not frames.twist_in_world
+            turned = turned and frame != frames.world
+            foreign, size = int(bool(frame) and not known), 8 * 6
+    except cdr.CdrError:
+        return None
+    at = len(data) - size
+    count = (at - 12) // 8
+    if data[:4] != b"\x00\x01\x00\x00" or (at - 4) % 8 or not 0 <= count <= MOST_WORDS:
+        return None
+    words = np.zeros(MOST_WORDS, np.uint64)
+    words[:count] = np.frombuffer(data, "<u8", count, 12)
+    numbers = np.array([at, len(data), at + 8 * (7 + 36), count, turned], np.int64)
+    return Form(numbers, words, foreign)
+
+
+@jit
+def _turn(sample: Array, pose: int, pairs: Array, at: int, apart: int, into: int) -> None:
+    """Turn two vectors from body axes into the world's: ``into_world`` of matching.py, as it is.
+
+    The pose stands at ``pose`` in the sample, six numbers ``apart`` from each other at ``at`` in
+    ``pairs``, and the result goes to ``into`` in the sample.
+    """
+    x, y, z, w = sample[pose + 3], sample[pose + 4], sample[pose + 5], sample[pose + 6]
+    square = x * x + y * y + z * z + w * w
+    s = 2.0 / square if 0.0 < square < _INFINITE else np.nan
+    xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z
+    wx, wy, wz = s * w * x, s * w * y, s * w * z
+    for k in range(2):
+        i, j = at + 3 * k * apart, into + 3 * k
+        a, b, c = pairs[i], pairs[i + apart], pairs[i + 2 * apart]
+        sample[j] = a * (1.0 - yy - zz) + b * (xy - wz) + c * (xz + wy)
+        sample[j + 1] = a * (xy + wz) + b * (1.0 - xx - zz) + c * (yz - wx)
+        sample[j + 2] = a * (xz - wy) + b * (yz + wx) + c * (1.0 - xx - yy)
+
+
+@jit
+def _fill(
+    floats: Array, held: Integers, numbers: Integers, needed: int, loads: Array,
+    load_axes: Integers, sample: Array,
+) -> None:  # fmt: skip
+    """Write a sample's numbers out of its messages, which begin at ``held``."""
+    for body in range(2):
+        pose, twist = (
+            (layout.A_POSE, layout.A_TWIST) if body == 0 else (layout.B_POSE, layout.B_TWIST)
+        )
+        if needed >> 2 * body & 1:
+            of_pose, of_twist = 2 * body, 2 * body + 1
+            at_twist = _AT
+            if held[4 + body] >= 0:
+                of_pose = of_twist = 4 + body
+                at_twist = _TWIST_AT
+            at = held[of_pose] + numbers[of_pose, _AT]
+            for j in range(7):
+                sample[pose + j] = floats[at + 8 * j]
+            at = held[of_twist] + numbers[of_twist, at_twist]
+            if numbers[of_twist, _TURNED]:
+                _turn(sample, pose, floats, at, 8, twist)
+            else:
+                for j in range(6):
+                    sample[twist + j] = floats[at + 8 * j]
+        load = layout.A_LOAD if body == 0 else layout.B_LOAD
+        if load_axes[body] == IN_BODY:
+            _turn(sample, pose, loads[body], 0, 1, load)
+        elif load_axes[body] == IN_WORLD:
+            for j in range(6):
+                sample[load + j] = loads[body, j]
+
+
+@entry
+def take(
+    longs: Longs, floats: Array, channel: Longs, start: Integers, size: Integers,
+    begin: int, end: int, streams: Integers, numbers: Integers, words: Longs, needed: int,
+    base: Array, loads: Array, load_axes: Integers, last: int,
+    held: Integers, samples: Array, stamps: Integers, since: Array, closing: Integers,
+) -> tuple[int, int]:  # fmt: skip
+    """Take samples out of messages ``begin`` to ``end`` of a block.
+
+    Args:
+        longs, floats: the block's bytes as numbers that begin at every byte.
+        channel, start, size: (n,) of its messages.
+        streams: by channel, the stream it brings, NOT_READ or OTHER.
+        numbers, words: (STREAMS, …) the forms; size -1 where there is none.
+        needed: a bit for each of the four poses and twists.
+        base: (NSAMPLE,) what is in a sample that no message brings.
+        loads: (2, 6) in force, and load_axes: (2,) which axes they are in.
+        last: stamp of the sample before, ns.
+        held: (STREAMS,) to work with.
+        samples, stamps, since, closing: where samples go, their stamps, the seconds since the
+            sample before, and the message that completed each.
+
+    Returns the number of samples, and the first message that is not part of them.
+    """
+    n, seen, group, now = 0, 0, begin, last
+    together = np.uint64(0)
+    for k in range(begin, end):
+        stream = NOT_READ
+        if channel[k] < np.uint64(streams.shape[0]):
+            stream = streams[channel[k]]
+        if stream == NOT_READ:
+            continue
+        here = group if seen else k
+        if stream == OTHER or size[k] != numbers[stream, _SIZE]:
+            return n, here
+        at = start[k]
+        stamp = longs[at + 4]
+        if longs[at] & np.uint64(0xFFFFFFFF) != np.uint64(_HEAD):
+            return n, here
+        for i in range(numbers[stream, _WORDS]):
+            if longs[at + 12 + 8 * i] != words[stream, i]:
+                return n, here
+        bits = 1 << stream if stream < 4 else 3 << 2 * (stream - 4)
+        if not seen:
+            nanoseconds = np.int64(stamp >> np.uint64(32))
+            now = np.int64(np.int32(stamp & np.uint64(0xFFFFFFFF))) * _SECOND + nanoseconds
+            if nanoseconds >= _SECOND or now <= last:
+                return n, here
+            together, group = stamp, k
+            for j in range(STREAMS):
+                held[j] = -1
+        elif stamp != together or seen & bits:
+            return n, here
+        seen |= bits
+        held[stream] = at
+        if seen == needed:
+            sample = samples[n]
+            for j in range(layout.NSAMPLE):
+                sample[j] = base[j]
+            _fill(floats, held, numbers, needed, loads, load_axes, sample)
+            stamps[n] = now
+            since[n] = (now - last) * 1e-9
+            closing[n] = k
+            last, seen = now, 0
+            n += 1
+            if n == samples.shape[0]:
+                return n, k + 1
+    return n, group if seen else end

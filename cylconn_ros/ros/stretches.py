@@ -1,0 +1,168 @@
+"""Stretches of a recording answered in one call: as the node would, but sooner."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.matching import STREAMS
+from cylconn_ros.core import layout
+from cylconn_ros.recording.blocks import Block
+from cylconn_ros.ros import alike
+from cylconn_ros.ros.answering import BODIES, Answering
+
+MOST = 2048  # samples of a stretch: what they and their answers take stays in the cache
+_SHORT = 8  # samples below which a stretch was not worth its call
+_PATIENCE = 1 << 14  # messages that go the ordinary way, at most, before another try
+
+_MOTION = {name: k for k, name in enumerate((*STREAMS, *(f"{body}/odom" for body in BODIES)))}
+_KINDS = (alike.POSE, alike.TWIST, alike.POSE, alike.TWIST, alike.ODOMETRY, alike.ODOMETRY)
+
+
+class Stretch:
+    """Samples answered together; to be looked at before the next is made.
+
+    Attributes
+    ----------
+        topics, block: where its messages stand; they are those from ``begin`` to ``end``.
+        closing: (n,) the message with which each sample was complete.
+        stamps: (n,) of the samples, ns. outs: (n, NOUT) the answers.
+    """
+
+    def __init__(
+        self,
+        topics: Mapping[int, str],
+        block: Block,
+        place: tuple[int, int],
+        found: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]],
+        answering: Answering,
+    ) -> None:
+        self.topics, self.block = topics, block
+        self.begin, self.end = place
+        self.closing, self.stamps, self.outs = found
+        self._answering = answering
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def rows(self, name: str) -> NDArray[np.uint8]:
+        """(n, bytes) the messages of an output, by its relative name."""
+        return self._answering.rows(name, self.stamps, self.outs)
+
+
+class Stretches:
+    """Take stretches out of a recording for a connector that also answers single messages."""
+
+    def __init__(self, answering: Answering, names: Mapping[str, str]) -> None:
+        """``names``: the inputs by recorded topic."""
+        self._answering = answering
+        self._names = names
+        scene = answering.scene
+        by_default = scene.twist_axes == "world"
+        self._frames = [
+            alike.Frames(scene.world_frame, body.frame, by_default) for body in scene.bodies
+        ]
+        self._needed = sum(1 << stream for stream in answering.matcher.needed)
+        self._seen: dict[int, bytes] = {}  # the last message of a stream on the ordinary way
+        self._formed: dict[int, bytes] = {}  # and that which its form is of
+        self._foreign = [0] * alike.STREAMS
+        self._numbers = np.full((alike.STREAMS, 5), -1, np.int64)
+        self._words = np.zeros((alike.STREAMS, alike.MOST_WORDS), np.uint64)
+        self._topics: Mapping[int, str] = {}
+        self._streams = np.zeros(0, np.int64)
+        self._held = np.zeros(alike.STREAMS, np.int64)
+        self._samples = np.zeros((MOST, layout.NSAMPLE))
+        self._outs = np.zeros((MOST, layout.NOUT))
+        self._since = np.zeros(MOST)
+        self._stamps, self._closing = np.zeros((2, MOST), np.int64)
+        self._wait, self._patience = 0, 1
+
+    def may_begin(self, topic: str, data: bytes) -> bool:
+        """Whether a stretch may begin behind a message of an input that went the ordinary way."""
+        stream = _MOTION.get(self._names[topic])
+        if stream is not None:
+            self._seen[stream] = data
+        self._wait -= 1
+        return self._wait <= 0 and self._answering.between_samples
+
+    def next(self, topics: Mapping[int, str], block: Block, begin: int) -> Stretch | None:
+        """Answer samples from message ``begin`` of a block on; None where that is not possible."""
+        if self._wait > 0 or not alike.POSSIBLE or not self._answering.between_samples:
+            return None
+        if not self._know_forms():
+            return None
+        began = time.perf_counter()
+        self._look_up(topics, block)
+        matcher = self._answering.matcher
+        assert matcher.last_stamp is not None  # or it would not be between samples
+        loads, axes = np.zeros((2, 6)), np.zeros(2, np.int64)
+        for body, load in enumerate(matcher.loads):
+            if load is not None:
+                loads[body], axes[body] = load[0], alike.IN_WORLD if load[1] else alike.IN_BODY
+        n, end = alike.take(
+            block.unaligned("<u8"), block.unaligned("<f8"), block.channel, block.start, block.size,
+            begin, len(block), self._streams, self._numbers, self._words, self._needed,
+            matcher.sample.copy(), loads, axes, matcher.last_stamp,
+            self._held, self._samples, self._stamps, self._since, self._closing,
+        )  # fmt: skip
+        self._patience = min(2 * self._patience, _PATIENCE) if n < _SHORT else 1
+        self._wait = self._patience if n < _SHORT else 0
+        if not n:
+            return None
+        found = self._closing[:n], self._stamps[:n], self._outs[:n]
+        self._answer(n, began)
+        return Stretch(topics, block, (begin, end), found, self._answering)
+
+    def _answer(self, n: int, began: float) -> None:
+        """Answer n samples and keep what the node keeps of each."""
+        answering, outs, stamps = self._answering, self._outs[:n], self._stamps
+        matcher, health, scene = answering.matcher, answering.health, answering.scene
+        since = self._since[:n]
+        before = int(stamps[n - 2]) if n > 1 else matcher.last_stamp
+        assert before is not None
+        matcher.went_on(int(stamps[n - 1]), before, n)
+        matcher.counts.foreign_frames += n * sum(self._foreign)
+        answering.connector.run_each(self._samples[:n], since, outs)
+        if scene.period > 0.0:
+            off = (since > 0.0) & (np.abs(since - scene.period) > 0.01 * scene.period)
+            if off.any():
+                health.off_period += int(np.count_nonzero(off))
+                health.seen_period = float(since[off][-1])
+        outs[:, layout.COMPUTING_TIME] = (time.perf_counter() - began) / n
+        answering.went_on(self._samples[n - 1], int(stamps[n - 1]), outs[n - 1])
+        health.examine(outs)
+
+    def _know_forms(self) -> bool:
+        """Keep the forms of what came last; whether there is one for each stream needed."""
+        for stream, data in self._seen.items():
+            if self._formed.get(stream) is data:
+                continue
+            self._formed[stream] = data
+            body = (stream >> 1) & 1 if stream < 4 else stream - 4
+            form = alike.form(_KINDS[stream], data, self._frames[body])
+            self._numbers[stream] = -1
+            if form is not None:
+                self._numbers[stream], self._words[stream] = form.numbers, form.words
+            self._foreign[stream] = form.foreign if form is not None else 0
+        odometry = self._answering.scene.input == "odometry"
+        streams = (
+            [4 + b for b in (0, 1) if self._needed >> 2 * b & 1]
+            if odometry
+            else [s for s in range(4) if self._needed >> s & 1]
+        )
+        return all(self._numbers[stream, 0] >= 0 for stream in streams)
+
+    def _look_up(self, topics: Mapping[int, str], block: Block) -> None:
+        """Which channel brings which stream."""
+        most = int(block.channel.max()) + 1
+        if topics is self._topics and most <= len(self._streams):
+            return
+        self._topics = topics
+        self._streams = np.full(most, alike.NOT_READ, np.int64)
+        for channel in range(most):
+            name = self._names.get(topics[channel])
+            if name is not None:
+                self._streams[channel] = _MOTION.get(name, alike.OTHER)
