@@ -55,7 +55,8 @@ CURVES = (
     Curve("penalty, aug. Lagr.", ("penalty", "augmented_lagrangian"), "#8FB7D6", 1.1, "--"),
     Curve("baumgarte", ("baumgarte",), "#8FB7D6", 1.1),
     Curve("impulse", ("impulse",), "#2E8BC8", 2.4),
-    Curve("minimal", ("minimal", "minimal, live"), "#0A4A7D", 2.8, exact=True),
+    Curve("minimal", ("minimal", "minimal, live"), "#1F5F99", 1.6, exact=True),
+    Curve("tolerance stated", ("tolerance stated",), "#04243F", 2.8, exact=True),
 )
 _STYLE: dict[Any, Any] = {
     "font.size": 8.5,

@@ -1,7 +1,8 @@
 """Our methods: in the compiled closed loop with the exact plant, and ``minimal`` as a simulation.
 
 In the loop only wrenches go out, held over a step; the plant moves both bodies. ``minimal`` offline
-owns the motion and takes a tolerance instead.
+owns the motion and takes a tolerance of its steps instead. Where the scene states a ``tolerance``,
+method and steps follow from it.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from cylconn_ros.bench.methods import METHODS, served_by, with_period
 from cylconn_ros.bench.minimal import Prepared
 from cylconn_ros.bench.peers import loop
 from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task
+from cylconn_ros.connector.accuracy import motion
 from cylconn_ros.connector.packing import pack
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout, model, plant
 from cylconn_ros.methods.step import NAMES
 
+STATED = "tolerance stated"
 ABOUT = {
     "penalty": "gains by a rule: 0.05 m/h^2, 0.3 m/h",
     "augmented_lagrangian": "gains by the same rule",
@@ -97,6 +100,17 @@ def offline(task: Task) -> Solve:
     return solve
 
 
+def stated(task: Task) -> Solve:
+    """What a scene's ``tolerance`` chooses; choosing is not timed, as models are not."""
+    scene = dataclasses.replace(
+        task.scene, method="auto", tolerance=task.value, period=task.duration
+    )
+    _, chosen = motion(scene, 1)
+    if chosen.method == "minimal":
+        return offline(dataclasses.replace(task, value=chosen.step_tolerance))
+    return looped("impulse")(dataclasses.replace(task, value=task.duration / chosen.substeps))
+
+
 CONTESTANTS = (
     *(
         Contestant(
@@ -107,5 +121,8 @@ CONTESTANTS = (
     ),
     Contestant(
         "minimal", "ours", "ours", "tolerance", "a simulation: adaptive, events located", offline
+    ),
+    Contestant(
+        STATED, "ours", "ours", "tolerance", "`tolerance` in the scene, the rest follows", stated
     ),
 )  # fmt: skip
