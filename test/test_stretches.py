@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from test_live_answering import make
 
 from cylconn_ros.connector import scene_file
-from cylconn_ros.connector.matching import STREAMS, into_world
+from cylconn_ros.connector.matching import STREAMS, into_world, into_world_all
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
@@ -275,33 +275,8 @@ def test_much_that_is_amiss_is_not_tried_again_and_again(monkeypatch: pytest.Mon
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=13, max_size=13))
 def test_turned_as_the_node_turns(numbers: list[float]) -> None:
-    """From body axes into the world's: the same operations in the same order."""
-    sample = np.array([*numbers[:7], *[0.0] * 6])
-    apart = np.array(numbers[7:])
-    alike_turn(sample, apart)
-    np.testing.assert_array_equal(sample[7:], into_world(numbers[:7], numbers[7:]))
-
-
-def alike_turn(sample: np.ndarray, pair: np.ndarray) -> None:
-    """The compiled one, by way of a sample with a load in body axes."""
-    whole = np.zeros(layout.NSAMPLE)
-    data = StampedWriter("world", 7).write(1, sample[:7])
-    twist = StampedWriter("body_b", 6).write(1, pair)
-    found = [Found(0, 0, 0, data), Found(1, 0, 0, twist)]
-    block = blocks.of_messages(found)
-    frames = alike.Frames("world", "body_b", True)
-    forms = {2: alike.form(alike.POSE, data, frames), 3: alike.form(alike.TWIST, twist, frames)}
-    numbers, words = np.full((6, 5), -1, np.int64), np.zeros((6, alike.MOST_WORDS), np.uint64)
-    for stream_of, form in forms.items():
-        assert form is not None
-        numbers[stream_of], words[stream_of] = form.numbers, form.words
-    samples = np.zeros((1, layout.NSAMPLE))
-    integers = [np.zeros(1, np.int64) for _ in range(2)]
-    n, end = alike.take(
-        block.unaligned("<u8"), block.unaligned("<f8"), block.channel, block.start, block.size,
-        0, 2, np.array([2, 3]), numbers, words, 0b1100, whole, np.zeros((2, 6)),
-        np.zeros(2, np.int64), 0, np.zeros(6, np.int64), samples, integers[0], np.zeros(1),
-        integers[1],
-    )  # fmt: skip
-    assert (n, end) == (1, 2)
-    sample[7:] = samples[0, layout.B_TWIST : layout.B_TWIST + 6]
+    """From body axes into the world's, many at once: the same operations in the same order."""
+    pose, pair = numbers[:7], numbers[7:]
+    turned = into_world_all(np.array([pose] * 3), np.array([pair] * 3))
+    for row in turned:
+        np.testing.assert_array_equal(row, into_world(pose, pair))

@@ -12,6 +12,7 @@
            MuJoCo and of what people write by hand
   node     delay and CPU time of a sample as a node, recording on and off, beside a usual rclpy
            node and the least a node can do
+  replay  reading a recording and evaluating its samples, by the input message
   soak     millions of samples in lock step with a node that records them: memory, losses, and the
            laws of the recording; an hour or less
 
@@ -42,7 +43,7 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
     Part = Callable[[Settings], Findings]
 
 
-WHAT = ("kernel", "orders", "precision", "model", "stability", "node", "soak")
+WHAT = ("kernel", "orders", "precision", "model", "stability", "node", "replay", "soak")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -241,6 +242,10 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
                 lambda settings: node.measure(settings, private_environment()),
             ),
         )
+    if what == "replay":
+        from cylconn_ros.cli import bench_replay
+
+        return (("recordings replayed", bench_replay.measure),)
     if what == "soak":
         return (("a node that records", reliability.soak),)
     from cylconn_ros.bench import orders

@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -350,10 +350,23 @@ def into_world(pose: Vector, pair: Vector) -> tuple[float, ...]:
     """
     x, y, z, w = pose[3:7]
     square = x * x + y * y + z * z + w * w
-    s = 2.0 / square if 0.0 < square < math.inf else math.nan
+    return _turned(x, y, z, w, 2.0 / square if 0.0 < square < math.inf else math.nan, pair)
+
+
+def into_world_all(poses: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """(n, 6) what :func:`into_world` gives for each of (n, 7) poses and (n, 6) pairs."""
+    with np.errstate(all="ignore"):
+        x, y, z, w = poses[:, 3:7].T
+        square = x * x + y * y + z * z + w * w
+        s = np.where((square > 0.0) & (square < math.inf), 2.0 / square, math.nan)
+        return np.stack(_turned(x, y, z, w, s, pairs.T), axis=1)
+
+
+def _turned(x: Any, y: Any, z: Any, w: Any, s: Any, pair: Any) -> tuple[Any, ...]:
+    """Turn with numbers or arrays alike; ``s``: two over the square of the quaternion."""
     xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z
     wx, wy, wz = s * w * x, s * w * y, s * w * z
-    turned: list[float] = []
+    turned: list[Any] = []
     for i in (0, 3):
         a, b, c = pair[i : i + 3]
         turned += (

@@ -22,15 +22,13 @@ POSSIBLE: Final = COMPILED and sys.byteorder == "little"
 
 POSE, TWIST, ODOMETRY = 0, 1, 2  # kinds of a stream
 STREAMS: Final = 6  # poses and twists of both bodies as in matching.STREAMS, then both odometries
-IN_WORLD, IN_BODY = 1, 2  # axes of a load; 0: there is none
 NOT_READ: Final = -1  # channels of no input
 OTHER: Final = -2  # channels of inputs that are not about motion: a stretch ends there
 
 MOST_WORDS: Final = 64  # of eight bytes, between stamp and numbers
-_AT, _SIZE, _TWIST_AT, _WORDS, _TURNED = 0, 1, 2, 3, 4
+_AT, _SIZE, _TWIST_AT, _WORDS = 0, 1, 2, 3
 _HEAD: Final = 256  # little-endian plain CDR, as a number
 _SECOND: Final = 1_000_000_000
-_INFINITE: Final = np.inf
 
 Integers = NDArray[np.int64]
 Longs = NDArray[np.uint64]
@@ -40,13 +38,14 @@ Array = NDArray[np.float64]
 class Form(NamedTuple):
     """What the messages of a stream have in common.
 
-    numbers: (5,) where the numbers begin, bytes of a message, where an odometry's twist begins,
-    words between stamp and numbers, whether the twist is in body axes. words: those (64,). foreign:
-    frames of a message that name no frame of the scene.
+    numbers: (4,) where the numbers begin, bytes of a message, where an odometry's twist begins,
+    words between stamp and numbers. words: those (64,). turned: whether the twist is in body axes.
+    foreign: frames of a message that name no frame of the scene.
     """
 
     numbers: Integers
     words: Longs
+    turned: bool
     foreign: int
 
 
@@ -83,69 +82,37 @@ def form(kind: int, data: bytes, frames: Frames) -> Form | None:
         return None
     words = np.zeros(MOST_WORDS, np.uint64)
     words[:count] = np.frombuffer(data, "<u8", count, 12)
-    numbers = np.array([at, len(data), at + 8 * (7 + 36), count, turned], np.int64)
-    return Form(numbers, words, foreign)
+    numbers = np.array([at, len(data), at + 8 * (7 + 36), count], np.int64)
+    return Form(numbers, words, turned, foreign)
 
 
 @jit
-def _turn(sample: Array, pose: int, pairs: Array, at: int, apart: int, into: int) -> None:
-    """Turn two vectors from body axes into the world's: ``into_world`` of matching.py, as it is.
-
-    The pose stands at ``pose`` in the sample, six numbers ``apart`` from each other at ``at`` in
-    ``pairs``, and the result goes to ``into`` in the sample.
-    """
-    x, y, z, w = sample[pose + 3], sample[pose + 4], sample[pose + 5], sample[pose + 6]
-    square = x * x + y * y + z * z + w * w
-    s = 2.0 / square if 0.0 < square < _INFINITE else np.nan
-    xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z
-    wx, wy, wz = s * w * x, s * w * y, s * w * z
-    for k in range(2):
-        i, j = at + 3 * k * apart, into + 3 * k
-        a, b, c = pairs[i], pairs[i + apart], pairs[i + 2 * apart]
-        sample[j] = a * (1.0 - yy - zz) + b * (xy - wz) + c * (xz + wy)
-        sample[j + 1] = a * (xy + wz) + b * (1.0 - xx - zz) + c * (yz - wx)
-        sample[j + 2] = a * (xz - wy) + b * (yz + wx) + c * (1.0 - xx - yy)
-
-
-@jit
-def _fill(
-    floats: Array, held: Integers, numbers: Integers, needed: int, loads: Array,
-    load_axes: Integers, sample: Array,
-) -> None:  # fmt: skip
-    """Write a sample's numbers out of its messages, which begin at ``held``."""
+def _fill(floats: Array, held: Integers, numbers: Integers, needed: int, sample: Array) -> None:
+    """Write a sample's numbers as they stand in its messages, which begin at ``held``."""
     for body in range(2):
-        pose, twist = (
-            (layout.A_POSE, layout.A_TWIST) if body == 0 else (layout.B_POSE, layout.B_TWIST)
-        )
-        if needed >> 2 * body & 1:
-            of_pose, of_twist = 2 * body, 2 * body + 1
-            at_twist = _AT
-            if held[4 + body] >= 0:
-                of_pose = of_twist = 4 + body
-                at_twist = _TWIST_AT
-            at = held[of_pose] + numbers[of_pose, _AT]
-            for j in range(7):
-                sample[pose + j] = floats[at + 8 * j]
-            at = held[of_twist] + numbers[of_twist, at_twist]
-            if numbers[of_twist, _TURNED]:
-                _turn(sample, pose, floats, at, 8, twist)
-            else:
-                for j in range(6):
-                    sample[twist + j] = floats[at + 8 * j]
-        load = layout.A_LOAD if body == 0 else layout.B_LOAD
-        if load_axes[body] == IN_BODY:
-            _turn(sample, pose, loads[body], 0, 1, load)
-        elif load_axes[body] == IN_WORLD:
-            for j in range(6):
-                sample[load + j] = loads[body, j]
+        if not needed >> 2 * body & 1:
+            continue
+        of_pose, of_twist, at_twist = 2 * body, 2 * body + 1, _AT
+        if held[4 + body] >= 0:
+            of_pose = of_twist = 4 + body
+            at_twist = _TWIST_AT
+        pose, twist = layout.A_POSE, layout.A_TWIST
+        if body == 1:
+            pose, twist = layout.B_POSE, layout.B_TWIST
+        at = held[of_pose] + numbers[of_pose, _AT]
+        for j in range(7):
+            sample[pose + j] = floats[at + 8 * j]
+        at = held[of_twist] + numbers[of_twist, at_twist]
+        for j in range(6):
+            sample[twist + j] = floats[at + 8 * j]
 
 
 @entry
 def take(
     longs: Longs, floats: Array, channel: Longs, start: Integers, size: Integers,
     begin: int, end: int, streams: Integers, numbers: Integers, words: Longs, needed: int,
-    base: Array, loads: Array, load_axes: Integers, last: int,
-    held: Integers, samples: Array, stamps: Integers, since: Array, closing: Integers,
+    base: Array, last: int, held: Integers, samples: Array, stamps: Integers,
+    since: Array, closing: Integers,
 ) -> tuple[int, int]:  # fmt: skip
     """Take samples out of messages ``begin`` to ``end`` of a block.
 
@@ -156,7 +123,6 @@ def take(
         numbers, words: (STREAMS, …) the forms; size -1 where there is none.
         needed: a bit for each of the four poses and twists.
         base: (NSAMPLE,) what is in a sample that no message brings.
-        loads: (2, 6) in force, and load_axes: (2,) which axes they are in.
         last: stamp of the sample before, ns.
         held: (STREAMS,) to work with.
         samples, stamps, since, closing: where samples go, their stamps, the seconds since the
@@ -199,7 +165,7 @@ def take(
             sample = samples[n]
             for j in range(layout.NSAMPLE):
                 sample[j] = base[j]
-            _fill(floats, held, numbers, needed, loads, load_axes, sample)
+            _fill(floats, held, numbers, needed, sample)
             stamps[n] = now
             since[n] = (now - last) * 1e-9
             closing[n] = k

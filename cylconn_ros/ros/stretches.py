@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.matching import STREAMS
+from cylconn_ros.connector.matching import PLACES, STREAMS, into_world_all
 from cylconn_ros.core import layout
 from cylconn_ros.recording.blocks import Block
 from cylconn_ros.ros import alike
@@ -18,6 +18,7 @@ MOST = 2048  # samples of a stretch: what they and their answers take stays in t
 _SHORT = 8  # samples below which a stretch was not worth its call
 _PATIENCE = 1 << 14  # messages that go the ordinary way, at most, before another try
 
+_LOADS = tuple(slice(at, at + 6) for at in (layout.A_LOAD, layout.B_LOAD))
 _MOTION = {name: k for k, name in enumerate((*STREAMS, *(f"{body}/odom" for body in BODIES)))}
 _KINDS = (alike.POSE, alike.TWIST, alike.POSE, alike.TWIST, alike.ODOMETRY, alike.ODOMETRY)
 
@@ -69,7 +70,8 @@ class Stretches:
         self._seen: dict[int, bytes] = {}  # the last message of a stream on the ordinary way
         self._formed: dict[int, bytes] = {}  # and that which its form is of
         self._foreign = [0] * alike.STREAMS
-        self._numbers = np.full((alike.STREAMS, 5), -1, np.int64)
+        self._turned = [False] * alike.STREAMS
+        self._numbers = np.full((alike.STREAMS, 4), -1, np.int64)
         self._words = np.zeros((alike.STREAMS, alike.MOST_WORDS), np.uint64)
         self._topics: Mapping[int, str] = {}
         self._streams = np.zeros(0, np.int64)
@@ -98,15 +100,15 @@ class Stretches:
         self._look_up(topics, block)
         matcher = self._answering.matcher
         assert matcher.last_stamp is not None  # or it would not be between samples
-        loads, axes = np.zeros((2, 6)), np.zeros(2, np.int64)
-        for body, load in enumerate(matcher.loads):
+        base = matcher.sample.copy()
+        for at, load in zip(_LOADS, matcher.loads, strict=True):
             if load is not None:
-                loads[body], axes[body] = load[0], alike.IN_WORLD if load[1] else alike.IN_BODY
+                base[at] = load[0]
         n, end = alike.take(
             block.unaligned("<u8"), block.unaligned("<f8"), block.channel, block.start, block.size,
             begin, len(block), self._streams, self._numbers, self._words, self._needed,
-            matcher.sample.copy(), loads, axes, matcher.last_stamp,
-            self._held, self._samples, self._stamps, self._since, self._closing,
+            base, matcher.last_stamp, self._held, self._samples, self._stamps,
+            self._since, self._closing,
         )  # fmt: skip
         self._patience = min(2 * self._patience, _PATIENCE) if n < _SHORT else 1
         self._wait = self._patience if n < _SHORT else 0
@@ -125,7 +127,7 @@ class Stretches:
         assert before is not None
         matcher.went_on(int(stamps[n - 1]), before, n)
         matcher.counts.foreign_frames += n * sum(self._foreign)
-        answering.connector.run_each(self._samples[:n], since, outs)
+        answering.connector.run_each(self._into_world(n), since, outs)
         if scene.period > 0.0:
             off = (since > 0.0) & (np.abs(since - scene.period) > 0.01 * scene.period)
             if off.any():
@@ -134,6 +136,18 @@ class Stretches:
         outs[:, layout.COMPUTING_TIME] = (time.perf_counter() - began) / n
         answering.went_on(self._samples[n - 1], int(stamps[n - 1]), outs[n - 1])
         health.examine(outs)
+
+    def _into_world(self, n: int) -> NDArray[np.float64]:
+        """(n, NSAMPLE) the samples, what is in body axes turned into the world's."""
+        samples = self._samples[:n]
+        for body, load in enumerate(self._answering.matcher.loads):
+            poses = samples[:, PLACES[2 * body]]
+            into = [PLACES[2 * body + 1]] * (self._turned[2 * body + 1] or self._turned[4 + body])
+            if load is not None and not load[1]:
+                into.append(_LOADS[body])
+            for at in into:
+                samples[:, at] = into_world_all(poses, samples[:, at])
+        return samples
 
     def _know_forms(self) -> bool:
         """Keep the forms of what came last; whether there is one for each stream needed."""
@@ -147,6 +161,7 @@ class Stretches:
             if form is not None:
                 self._numbers[stream], self._words[stream] = form.numbers, form.words
             self._foreign[stream] = form.foreign if form is not None else 0
+            self._turned[stream] = form is not None and form.turned
         odometry = self._answering.scene.input == "odometry"
         streams = (
             [4 + b for b in (0, 1) if self._needed >> 2 * b & 1]
