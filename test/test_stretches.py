@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scenes import bundled
 from test_live_answering import make
 
+from cylconn_ros.bench.settings import Settings
+from cylconn_ros.cli import bench_replay
 from cylconn_ros.connector import scene_file
 from cylconn_ros.connector.matching import STREAMS, into_world, into_world_all
 from cylconn_ros.connector.scene import Scene
@@ -280,3 +283,10 @@ def test_turned_as_the_node_turns(numbers: list[float]) -> None:
     turned = into_world_all(np.array([pose] * 3), np.array([pair] * 3))
     for row in turned:
         np.testing.assert_array_equal(row, into_world(pose, pair))
+
+
+def test_what_a_replay_costs_is_measured() -> None:
+    found = bench_replay.measure(Settings.short(bundled))
+    assert len({m.contestant for m in found.measurements}) == 5
+    assert all(m.value > 0.0 for m in found.measurements)
+    assert not found.gaps

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cylconn_ros.bench.kernel import PAIR, SHAFT, Stretch, stretches
+from cylconn_ros.bench.kernel import SHAFT, Stretch, stretches
 from cylconn_ros.bench.results import Findings, Measurement, Target
 from cylconn_ros.bench.settings import Settings
 from cylconn_ros.bench.timing import Spread
@@ -77,6 +77,7 @@ def _time(
                            note=note)
         )  # fmt: skip
     connector = Connector(scene)
+    connector.run(stretch.samples)
     began = time.process_time()
     for _ in range(20):
         connector.reset()
