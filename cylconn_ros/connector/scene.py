@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from cylconn_ros.connector import scene_file, scene_rules
+from cylconn_ros.connector import many, scene_file, scene_rules
 from cylconn_ros.connector.installed import shipped
 from cylconn_ros.connector.parameters import (
     Parameter,
@@ -46,7 +46,17 @@ from cylconn_ros.connector.scene_parts import (
     Wrench,
 )
 
-__all__ = ["Body", "Friction", "Node", "Scene", "SceneError", "load", "schema", "shipped"]
+__all__ = [
+    "Body",
+    "Friction",
+    "Node",
+    "Scene",
+    "SceneError",
+    "load",
+    "schema",
+    "several",
+    "shipped",
+]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -218,17 +228,44 @@ def schema() -> dict[str, Parameter]:
     return _SCHEMA
 
 
-def load(path: str | Path, node: str = "connector", namespace: str = "/") -> Scene:
+def several(parameters: Mapping[str, Any]) -> dict[str, Scene]:
+    """The scene of each connector by its name; of one without a name where none are listed.
+
+    Raises :class:`SceneError`, which says whose parameter it is.
+    """
+    scenes = {}
+    for name, given in many.split(parameters, schema()).items():
+        try:
+            scenes[name] = Scene.from_parameters(given)
+        except SceneError as error:
+            raise SceneError(f"{name}.{error}" if name else str(error)) from None
+    return scenes
+
+
+def load(
+    path: str | Path, node: str = "connector", namespace: str = "/", connector: str = many.ONE
+) -> Scene:
     """Read the scene in a ROS 2 parameter file, as the node ``node`` in ``namespace`` sees it.
 
-    Blocks with wildcards (``/**``) come first, then the node's own. Raises :class:`SceneError`
-    for a file that cannot be read or used; the text begins with the file's name.
+    Blocks with wildcards (``/**``) come first, then the node's own. ``connector`` chooses one where
+    the file has several. Raises :class:`SceneError` for a file that cannot be read or used; the
+    text begins with the file's name.
     """
     parameters = scene_file.load_parameters(path, node, namespace)
     try:
-        return Scene.from_parameters(scene_file.scene_part(parameters))
+        return chosen(several(scene_file.scene_part(parameters)), connector)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
+
+
+def chosen(scenes: Mapping[str, Scene], connector: str) -> Scene:
+    """The scene of a connector; raises SceneError where there is none of that name."""
+    if connector in scenes:
+        return scenes[connector]
+    if many.ONE in scenes:
+        raise SceneError(f"connector {connector}: there is only one, without a name")
+    which = f"{connector} is none of them" if connector else "choose one"
+    raise SceneError(f"several connectors, {', '.join(scenes)}: {which}")
 
 
 def _get(scene: Scene, name: str) -> Any:

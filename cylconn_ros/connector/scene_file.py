@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from cylconn_ros.connector import many
 from cylconn_ros.connector.parameters import SceneError, flatten
 
 if TYPE_CHECKING:
@@ -63,10 +64,20 @@ def scene_part(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 def dump(scene: Scene) -> str:
     """Write a parameter file with every parameter of the scene; loading it gives the same scene."""
-    parameters = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in scene.parameters().items()
-    }
+    return dump_several({many.ONE: scene})
+
+
+def dump_several(scenes: Mapping[str, Scene]) -> str:
+    """Write a parameter file for connectors by name, from which the same scenes come."""
+    parameters: dict[str, Any] = {}
+    if many.ONE not in scenes:
+        parameters[many.CONNECTORS] = list(scenes)
+    for connector, scene in scenes.items():
+        for name, value in scene.parameters().items():
+            own = connector and not many.is_of_the_node(name)
+            parameters[f"{connector}.{name}" if own else name] = (
+                list(value) if isinstance(value, tuple) else value
+            )
     document = {"/**": {"ros__parameters": parameters}}
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 

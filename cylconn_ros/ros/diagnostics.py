@@ -79,11 +79,14 @@ class Monitor:
         self,
         stamp: Time,
         answering: Answering | None,
-        recorder: Recorder,
+        recorder: Recorder | None,
         links: Links,
         health: Health | None = None,
     ) -> DiagnosticArray:
-        """Report on everything; ``health`` as taken from ``answering``, if not here and now."""
+        """Report on everything; ``health`` as taken from ``answering``, if not here and now.
+
+        On the recording only where ``recorder`` is given.
+        """
         now = time.monotonic()
         elapsed, self._time = max(now - self._time, 1e-9), now
         array = DiagnosticArray()
@@ -93,7 +96,8 @@ class Monitor:
             array.status.append(self._samples(answering, health, links, elapsed))
             array.status.append(self._solution(answering, health))
         array.status.append(self._topics(answering, links))
-        array.status.append(self._recording(recorder))
+        if recorder is not None:
+            array.status.append(self._recording(recorder))
         return array
 
     def _samples(

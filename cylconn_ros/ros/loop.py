@@ -1,9 +1,10 @@
 """A thread that waits for messages as bytes and hands them on: the short way from the network.
 
 The ordinary executor builds what it waits on anew for every message, and makes message objects of
-what comes. Here a wait set is kept, and bytes stay bytes. And as the messages of a sample mostly
-come in one order, the thread waits for the one that completed the last sample, and takes the others
-with it: it wakes once a sample instead of once a message.
+what comes. Here the middleware rings a bell (ros/bells.py), one for every group of subscriptions
+whose messages make samples together, and bytes stay bytes. And as the messages of a sample mostly
+come in one order, a group's bell is tied to the one that completed its last sample, and the others
+are taken with it: the thread wakes once a sample instead of once a message.
 
 This needs interfaces of rclpy that are not public. Where one is missing (:func:`missing` says
 which), the node's executor has to serve the subscriptions.
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -20,8 +22,12 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-_IDLE = 50_000_000  # ns between looks whether to end, while nothing comes
-_EXPECTED = 5_000_000  # ns to wait for one message alone: others may not pile up meanwhile
+from cylconn_ros.ros import bells
+
+_IDLE = 0.05  # s between looks whether to end, while nothing is expected
+_LOOK = 0.005  # s between looks whether what is expected has come
+_PATIENCE = 4.0  # of the time between samples: then others may not pile up any more
+_LEAST, _MOST = 0.005, 0.1  # s, of that time
 _THOROUGH = 16  # once in so many rounds everything that waits is taken, not one of each
 _ALL = 1000
 
@@ -34,15 +40,12 @@ def missing(node: Node) -> str:
         from rclpy.impl.implementation_singleton import rclpy_implementation
     except ImportError:
         return "rclpy.impl.implementation_singleton"
-    wanted = {
-        "WaitSet": ("clear_entities", "add_subscription", "wait", "get_ready_entities"),
-        "Subscription": ("take_message",),
-    }
-    for kind, names in wanted.items():
-        for name in names:
-            if not hasattr(getattr(rclpy_implementation, kind, None), name):
-                return f"{kind}.{name}"
-    return "" if isinstance(getattr(node, "_subscriptions", None), list) else "Node._subscriptions"
+    for name in ("take_message", "pointer"):
+        if not hasattr(getattr(rclpy_implementation, "Subscription", None), name):
+            return f"Subscription.{name}"
+    if not isinstance(getattr(node, "_subscriptions", None), list):
+        return "Node._subscriptions"
+    return bells.missing()
 
 
 class Entry(NamedTuple):
@@ -55,8 +58,55 @@ class Entry(NamedTuple):
     receive: Receive
 
 
+class _Group:
+    """Subscriptions whose messages make samples together, in the order in which they are taken."""
+
+    def __init__(self, entries: Sequence[Entry], caught: Callable[[Exception], object]) -> None:
+        self.bell = bells.Bell([entry.subscription for entry in entries])
+        self._streams = [
+            (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
+             entry.receive)
+            for k, entry in enumerate(entries) for handle in (entry.subscription.handle,)
+        ]  # fmt: skip
+        self._caught = caught
+        self._last: int | None = None  # who completed the last sample
+        self._rounds = 0
+        self._completed = 0.0
+        self.due = 0.0  # when to look, though the bell has not rung; 0: it rings for all of them
+        self._tie(None)
+
+    def _tie(self, last: int | None) -> None:
+        self._last = last
+        self.bell.tie(range(len(self._streams)) if last is None else (last,))
+
+    def serve(self, now: float) -> None:
+        """Take what has come, and say to the bell what comes next."""
+        self._rounds += 1
+        expected = self._last is not None and now < self.due
+        most = 1 if expected and self._rounds % _THOROUGH else _ALL
+        last: int | None = None
+        for k, take, receive in self._streams:
+            for _ in range(most):
+                taken = take()
+                if taken is None:
+                    break
+                try:
+                    if receive(taken[0]):
+                        last = k
+                except Exception as error:
+                    self._caught(error)
+        if last != self._last:
+            self._tie(last)
+        if last is None:
+            self.due = 0.0
+        else:
+            patience = _PATIENCE * (now - self._completed)
+            self._completed = now
+            self.due = now + min(max(patience, _LEAST), _MOST)
+
+
 class Loop:
-    """Serve subscriptions of a node on a thread of its own, in their order where several wait.
+    """Serve groups of subscriptions of a node on a thread of its own.
 
     ``lock`` is held while messages are handed on. ``caught`` gets what receiving raises.
     """
@@ -64,14 +114,16 @@ class Loop:
     def __init__(self, node: Node, lock: Any, caught: Callable[[Exception], object]) -> None:
         self._node, self._lock, self._caught = node, lock, caught
         self._entries: list[Entry] = []
+        self._groups: list[_Group] = []
         self._ending = False
         self._thread: threading.Thread | None = None
 
-    def open(self, entries: Sequence[Entry]) -> None:
+    def open(self, groups: Sequence[Sequence[Entry]]) -> None:
         """Take subscriptions over from the node's executor and begin."""
-        self._entries = list(entries)
+        self._entries = [entry for group in groups for entry in group]
         for subscription, _ in self._entries:
             self._node._subscriptions.remove(subscription)
+        self._groups = [_Group(entries, self._caught) for entries in groups]
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="samples", daemon=True)
         self._thread.start()
@@ -82,41 +134,35 @@ class Loop:
         if self._thread is not None:
             self._thread.join()
             self._thread = None
+        for group in self._groups:
+            group.bell.close()
+        self._groups = []
         self._node._subscriptions.extend(entry.subscription for entry in self._entries)
         self._entries = []
 
     def _run(self) -> None:
-        handles = [entry.subscription.handle for entry in self._entries]
-        every = WaitSet(handles, self._node.context)
-        alone = [WaitSet([handle], self._node.context) for handle in handles]
-        streams = [
-            (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
-             entry.receive)
-            for k, (handle, entry) in enumerate(zip(handles, self._entries, strict=True))
-        ]  # fmt: skip
-        last: int | None = None  # who completed the last sample
-        rounds = 0
+        groups, lock = self._groups, self._lock
+        ear = bells.Ear()
+        for number, group in enumerate(groups):
+            ear.listen(group.bell, number)
+        looked, patience = 0.0, _IDLE
         while not self._ending:
-            rounds += 1
-            if last is None:
-                if not every.wait(_IDLE):
-                    continue
-                most = _ALL
-            else:
-                alone[last].wait_only(_EXPECTED)
-                most = 1 if rounds % _THOROUGH else _ALL
-            last = None
-            with self._lock:
-                for k, take, receive in streams:
-                    for _ in range(most):
-                        taken = take()
-                        if taken is None:
-                            break
-                        try:
-                            if receive(taken[0]):
-                                last = k
-                        except Exception as error:
-                            self._caught(error)
+            rung = ear.wait(patience)
+            now = time.monotonic()
+            for number in rung:
+                with lock:
+                    groups[number].serve(now)
+            if rung:
+                patience = _LOOK
+            if now - looked >= _LOOK:
+                looked, patience = now, _IDLE
+                for group in groups:
+                    if 0.0 < group.due < now:
+                        with lock:
+                            group.serve(now)
+                    if group.due > 0.0:
+                        patience = _LOOK
+        ear.close()
 
 
 class WaitSet:

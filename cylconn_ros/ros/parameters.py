@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,9 +10,16 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from cylconn_ros.connector.parameters import Parameter, Value, show
+from cylconn_ros.connector import many
+from cylconn_ros.connector.parameters import Parameter, SceneError, Value, show
 from cylconn_ros.connector.scene import Scene, schema
 from cylconn_ros.connector.scene_file import ROS_PARAMETERS
+
+_CONNECTORS = ParameterDescriptor(
+    name=many.CONNECTORS,
+    description="Names of the connectors; each has its parameters and topics below its name.",
+    read_only=True,
+)
 
 
 def ros_part(parameters: Mapping[str, Any]) -> list[RosParameter]:
@@ -39,54 +47,76 @@ def describe(parameter: Parameter) -> ParameterDescriptor:
     )
 
 
-def declare(node: Node, scene: Scene) -> None:
-    """Declare every parameter of a scene with its value."""
+def declare(node: Node, scenes: Mapping[str, Scene]) -> dict[str, list[tuple[str, str]]]:
+    """Declare every parameter of the scenes of connectors by name.
+
+    Returns what each ROS parameter stands for: connectors, and the parameter of their scenes.
+    """
+    places: dict[str, list[tuple[str, str]]] = {}
+    if many.ONE not in scenes:
+        node.declare_parameter(many.CONNECTORS, list(scenes), _CONNECTORS, ignore_override=True)
     table = schema()
-    for name, value in scene.parameters().items():
-        node.declare_parameter(name, _to_ros(value), describe(table[name]), ignore_override=True)
+    for connector, scene in scenes.items():
+        for name, value in scene.parameters().items():
+            own = connector and not many.is_of_the_node(name)
+            ros_name = f"{connector}.{name}" if own else name
+            places.setdefault(ros_name, []).append((connector, name))
+            if len(places[ros_name]) == 1:
+                descriptor = describe(dataclasses.replace(table[name], name=ros_name))
+                node.declare_parameter(ros_name, _to_ros(value), descriptor, ignore_override=True)
+    return places
 
 
 class SceneParameters:
-    """Keep a scene and the node's parameters in agreement.
+    """Keep the scenes of connectors and the node's parameters in agreement.
 
-    A change is accepted when the scene it gives can be used; ``prepare`` gets that scene and may
-    raise SceneError, too; ``apply`` then gets it with the scene before, and puts in force what was
-    prepared. All of a change or none.
+    A change is accepted when the scenes it gives can be used; ``prepare`` gets those that change,
+    by connector, and may raise SceneError, too; ``apply`` then gets them with the scenes before,
+    and puts in force what was prepared. All of a change or none.
     """
 
     def __init__(
         self,
         node: Node,
-        scene: Scene,
-        prepare: Callable[[Scene], None],
-        apply: Callable[[Scene, Scene], None],
+        scenes: Mapping[str, Scene],
+        prepare: Callable[[Mapping[str, Scene]], None],
+        apply: Callable[[Mapping[str, Scene], Mapping[str, Scene]], None],
     ) -> None:
-        self.scene = scene
-        self._next: Scene | None = None
+        self.scenes = dict(scenes)
+        self._next: dict[str, Scene] = {}
         self._prepare, self._apply = prepare, apply
-        declare(node, scene)
+        self._places = declare(node, scenes)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._changed)
 
     def _check(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
-        values: dict[str, Any] = dict(self.scene.parameters())
-        mine = {p.name: p.value for p in parameters if p.name in values}
-        self._next = None
-        if mine:
-            try:
-                for name, value in mine.items():
-                    values[name] = schema()[name].default if value is None else value
-                scene = Scene.from_parameters(values)
-                self._prepare(scene)
-            except Exception as error:  # SceneError; whatever else it is, nothing changes
-                return SetParametersResult(successful=False, reason=str(error))
-            self._next = scene
+        values: dict[str, dict[str, Any]] = {}
+        self._next = {}
+        for parameter in parameters:
+            for connector, name in self._places.get(parameter.name, ()):
+                changed = values.setdefault(connector, dict(self.scenes[connector].parameters()))
+                unset = parameter.value is None
+                changed[name] = schema()[name].default if unset else parameter.value
+        try:
+            scenes = {}
+            for connector, given in values.items():
+                try:
+                    scenes[connector] = Scene.from_parameters(given)
+                except SceneError as error:
+                    raise SceneError(f"{connector}.{error}" if connector else str(error)) from None
+            if scenes:
+                self._prepare(scenes)
+        except Exception as error:  # SceneError; whatever else it is, nothing changes
+            return SetParametersResult(successful=False, reason=str(error))
+        self._next = scenes
         return SetParametersResult(successful=True)
 
     def _changed(self, _parameters: Sequence[RosParameter]) -> None:
-        if self._next is not None:
-            before, self.scene, self._next = self.scene, self._next, None
-            self._apply(self.scene, before)
+        if self._next:
+            changed, self._next = self._next, {}
+            before = {connector: self.scenes[connector] for connector in changed}
+            self.scenes.update(changed)
+            self._apply(changed, before)
 
 
 def differences(before: Scene, after: Scene) -> Iterator[tuple[str, str, str]]:

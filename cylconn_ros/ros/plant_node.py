@@ -15,8 +15,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 
+from cylconn_ros.connector import many
+from cylconn_ros.connector.parameters import SceneError, show
 from cylconn_ros.connector.plant import Plant
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.scene import several
 from cylconn_ros.connector.scene_file import scene_part
 from cylconn_ros.core import plant as physics
 from cylconn_ros.ros import process, qos
@@ -32,6 +34,7 @@ usage: plant [--version] --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FR
 Two rigid bodies standing in for a simulator: publishes their poses and twists, and moves them as
 the wrenches and constant loads (plant.body_a.load, plant.body_b.load, sent on body_a/load,
 body_b/load) say. Takes the same parameter file as connector; its own parameters begin with plant.
+Of several connectors it serves the one whose name ends its namespace (-r __ns:=/NAME).
 Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
 Free running: plant.rate samples a second, each step with the newest wrenches.
 Exit codes: 0 plant.duration reached or stopped, 1 no connector, no answer or a motion that is not
@@ -52,14 +55,27 @@ class PlantNode(Node):
     Raises SceneError at construction for parameters that cannot be used.
     """
 
-    def __init__(self, parameters: Mapping[str, Any], **node_arguments: Any) -> None:
-        """Take dotted parameters; ``node_arguments`` go to the ROS node (namespace, context …)."""
-        self.scene = Scene.from_parameters(scene_part(parameters))
+    def __init__(
+        self, parameters: Mapping[str, Any], namespace: str = "/", **node_arguments: Any
+    ) -> None:
+        """Take dotted parameters; ``node_arguments`` go to the ROS node (namespace, context …).
+
+        Where they are of several connectors, the plant is that of the one whose name ends its
+        namespace.
+        """
+        scenes = several(scene_part(parameters))
+        name = many.ONE if many.ONE in scenes else namespace.rpartition("/")[2]
+        if name not in scenes:
+            raise SceneError(
+                f"connectors = {show(list(scenes))}: a plant serves one of them, whose name must "
+                f"end its namespace; {namespace} ends otherwise (-r __ns:=/{next(iter(scenes))})"
+            )
+        self.scene = scenes[name]
         process.announce_compiling(physics.step, lambda text: print(f"plant: {text}", flush=True))
         Plant(self.scene).step(np.zeros(6), np.zeros(6))  # compiled before anybody waits
         self.plant = Plant(self.scene)
         super().__init__("plant", parameter_overrides=ros_part(parameters), **node_arguments)
-        declare(self, self.scene)
+        declare(self, {many.ONE: self.scene})
         self.done = Future()
         self.counts = PlantCounts()
         self._settings = self.scene.plant
@@ -221,7 +237,7 @@ class PlantNode(Node):
 
 
 def _make(arguments: Arguments) -> PlantNode:
-    return PlantNode(arguments.parameters)
+    return PlantNode(arguments.parameters, arguments.namespace)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -15,10 +15,10 @@ from cylconn_ros.connector.parameters import SceneError, show
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros import answering as messages
-from cylconn_ros.ros import qos
+from cylconn_ros.ros import names, qos
 from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
-from cylconn_ros.ros.loop import Entry, Loop, Receive
+from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
 
@@ -28,12 +28,12 @@ _FIRST = ("load", "command")  # act on the sample that waits with them
 
 
 class Topics:
-    """Publishers and subscriptions, opened and closed with the node's lifecycle."""
+    """Publishers and subscriptions of a connector, opened and closed with the node's lifecycle."""
 
-    def __init__(self, node: LifecycleNode, links: Links, loop: Loop | None) -> None:
-        """``loop`` serves the inputs; None: the node's executor does."""
-        self._node, self._loop = node, loop
-        self._links = links
+    def __init__(self, node: LifecycleNode, connector: str, links: Links, straight: bool) -> None:
+        """``straight``: a loop serves the inputs; otherwise the node's executor does."""
+        self._node, self._straight = node, straight
+        self._connector, self._links = connector, links
         self._publishers: list[Any] = []
         self._send: list[Callable[[bytes], object]] = []
         self._listeners: dict[str, Callable[[], int]] = {}
@@ -46,12 +46,12 @@ class Topics:
     def open_outputs(self, scene: Scene) -> None:
         """Advertise; messages go out only while the node is active."""
         for name, kind in OUTPUTS:
-            topic = self._node.resolve_topic_name(name)
+            topic = self.resolved(name)
             profile = qos.samples()
             self._publishers.append(
                 self._node.create_lifecycle_publisher(
                     message_class(kind),
-                    name,
+                    names.topic(self._connector, name),
                     profile,
                     qos_overriding_options=qos.overriding(),
                     **qos.writing(functools.partial(self._incompatible, topic)),
@@ -60,13 +60,13 @@ class Topics:
             self._names[name] = (topic, kind, profile)
             made = self._publishers[-1]
             # Inputs are open while the node is active only, so the state need not be asked again.
-            self._send.append(made.publish if self._loop is None else made.handle.publish_raw)
-            counted = made if self._loop is None else made.handle
+            self._send.append(made.handle.publish_raw if self._straight else made.publish)
+            counted = made.handle if self._straight else made
             self._listeners[name] = counted.get_subscription_count
         if scene.markers:
             self._markers = Markers(scene)
             self._marker_publisher = self._node.create_lifecycle_publisher(
-                MarkerArray, "~/markers", 10
+                MarkerArray, names.topic(self._connector, "~/markers"), 10
             )
 
     def close_outputs(self) -> None:
@@ -79,16 +79,20 @@ class Topics:
         self._listeners.clear()
         self._marker_publisher = self._markers = None
 
-    def open_inputs(self, answering: Answering, receiver: Receiver) -> None:
-        """Subscribe to the inputs."""
+    def resolved(self, name: str) -> str:
+        """The whole name of an input or output, as the graph has it."""
+        return self._node.resolve_topic_name(names.topic(self._connector, name))
+
+    def open_inputs(self, answering: Answering, receiver: Receiver) -> list[Entry]:
+        """Subscribe to the inputs; what a loop is to serve, in the order to take it in."""
         entries = []
         for name, wanted in answering.inputs.items():
-            topic = self._node.resolve_topic_name(name)
+            topic = self.resolved(name)
             profile = qos.samples()
             receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
-                name,
+                names.topic(self._connector, name),
                 functools.partial(_discard_result, receive),
                 profile,
                 raw=True,
@@ -97,14 +101,11 @@ class Topics:
             )
             self._names[name] = (topic, wanted.type, profile)
             entries.append(Entry(self._subscriptions[name], receive))
-        if self._loop is not None:
-            entries.sort(key=lambda entry: not entry.subscription.topic_name.endswith(_FIRST))
-            self._loop.open(entries)
+        entries.sort(key=lambda entry: not entry.subscription.topic_name.endswith(_FIRST))
+        return entries
 
     def close_inputs(self) -> None:
-        """Take the subscriptions back."""
-        if self._loop is not None:
-            self._loop.close()
+        """Take the subscriptions back; no loop may serve them any more."""
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
@@ -141,12 +142,15 @@ class Topics:
             if data is not None:
                 yield self._names[name][0], data
 
+    def by_name(self, answering: Answering) -> dict[str, str]:
+        """The whole name of every input and output, by the name that a connector alone has."""
+        return {name: self.resolved(name) for name in _kinds(answering)}
+
     def recorded(self, answering: Answering) -> list[TopicInfo]:
         """Every topic a recording holds, as resolved and with the QoS in force."""
-        kinds = {name: wanted.type for name, wanted in answering.inputs.items()} | dict(OUTPUTS)
         found = []
-        for name, kind in kinds.items():
-            topic = self._node.resolve_topic_name(name)
+        for name, kind in _kinds(answering).items():
+            topic = self.resolved(name)
             profile = self._names[name][2] if name in self._names else qos.samples()
             found.append(
                 TopicInfo(
@@ -172,21 +176,33 @@ class Topics:
         self._links.lost += count
 
 
+def _kinds(answering: Answering) -> dict[str, str]:
+    return {name: wanted.type for name, wanted in answering.inputs.items()} | dict(OUTPUTS)
+
+
 def _discard_result(receive: Receive, data: bytes) -> None:
     receive(data)
 
 
-def check_qos_overrides(node: LifecycleNode, parameters: Mapping[str, Any], scene: Scene) -> None:
+def check_qos_overrides(
+    node: LifecycleNode, parameters: Mapping[str, Any], scenes: Mapping[str, Scene]
+) -> None:
     """Raise SceneError for a qos_overrides parameter that no topic of the node will look at."""
-    names = [(name, "publisher") for name, _ in OUTPUTS]
-    names += [(name, "subscription") for name in messages.input_names(scene)]
+    given = {name: value for name, value in parameters.items() if name.startswith("qos_overrides.")}
+    if not given:
+        return
     known = [
-        f"qos_overrides.{node.resolve_topic_name(name)}.{kind}.{policy}"
-        for name, kind in names
+        f"qos_overrides.{node.resolve_topic_name(names.topic(connector, name))}.{kind}.{policy}"
+        for connector, scene in scenes.items()
+        for names_of_kind, kind in (
+            ([name for name, _ in OUTPUTS], "publisher"),
+            (messages.input_names(scene), "subscription"),
+        )
+        for name in names_of_kind
         for policy in ("history", "depth", "reliability")
     ]
-    for name, value in parameters.items():
-        if name.startswith("qos_overrides.") and name not in known:
+    for name, value in given.items():
+        if name not in known:
             raise SceneError(
                 f"{name} = {show(value)}: no such parameter; known: {', '.join(known)}"
             )

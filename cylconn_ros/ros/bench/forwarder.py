@@ -59,7 +59,7 @@ def main() -> int:
         for name, kind in INPUTS.items()
     ]
     loop = Loop(node, threading.Lock(), lambda error: print(error, file=sys.stderr, flush=True))
-    loop.open(entries)
+    loop.open([entries])
     try:
         while True:
             time.sleep(1.0)

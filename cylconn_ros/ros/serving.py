@@ -1,0 +1,200 @@
+"""One connector of a node: its topics, its answers, its timeout and its report.
+
+A node has as many as its parameters name, all of them served by one thread, recorded in one run and
+moved through the lifecycle together.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode
+
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.ros.answering import Answer, Answering
+from cylconn_ros.ros.diagnostics import Links, Monitor
+from cylconn_ros.ros.loop import Entry, Receive
+from cylconn_ros.ros.names import said
+from cylconn_ros.ros.recording import Recorder, now
+from cylconn_ros.ros.topics import Topics
+from cylconn_ros.ros.waiting import Waiting
+
+
+class Served:
+    """A connector by the name that its parameters and topics have; the only one has none.
+
+    Attributes
+    ----------
+        answering: what answers, from configuring to cleaning up.
+        topics, links: what it reads and publishes, and what the middleware tells of that.
+        history: samples answered since it last forgot everything.
+    """
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        name: str,
+        scene: Callable[[], Scene],
+        recorder: Recorder,
+        lock: Any,
+        straight: bool,
+    ) -> None:
+        """``scene`` gives the one in force; ``lock`` is held by all that changes what answers.
+
+        ``straight``: a :class:`~cylconn_ros.ros.loop.Loop` takes the inputs, not the executor.
+        """
+        self.name = name
+        self._node, self._scene, self._recorder, self._lock = node, scene, recorder, lock
+        self.links = Links()
+        self.topics = Topics(node, name, self.links, straight)
+        self.answering: Answering | None = None
+        self._prepared: Answering | None = None
+        self._answered_at = 0.0
+        self._waiting = Waiting()
+        self.history = 0
+        own_name = node.get_fully_qualified_name().strip("/")
+        self._monitor = Monitor(f"{own_name}/{name}" if name else own_name)
+
+    # --- samples ---------------------------------------------------------------------------------
+
+    def open_inputs(self) -> list[Entry]:
+        """Subscribe; what a loop is to serve."""
+        assert self.answering is not None
+        return self.topics.open_inputs(self.answering, self._receiver)
+
+    def _receiver(self, name: str, topic: str) -> Receive:
+        """What takes the messages of input ``name``, received on ``topic``."""
+        recorder, topics = self._recorder, self.topics
+        drawing = self._scene().markers
+
+        def receive(data: bytes) -> bool:
+            """Answer, publish, record; whether a sample was complete."""
+            answering = self.answering
+            assert answering is not None
+            recording = recorder.running
+            came = now() if recording else 0
+            answer = answering.inputs[name].receive(data)
+            if answer is not None:
+                topics.publish(answer)
+                self._answered_at = time.monotonic()
+                self.history += 1
+            if recording:
+                recorder.keep(topic, data, came)
+            if answer is None:
+                return False
+            if recording:
+                self._record(answer)
+            if drawing:
+                topics.draw(answer.stamp, answering)
+            return True
+
+        return receive
+
+    def _record(self, answer: Answer) -> None:
+        went = now()
+        for topic, data in self.topics.outgoing(answer):
+            self._recorder.keep(topic, data, went)
+        self._recorder.flush()
+
+    def _wanted(self, name: str) -> bool:
+        """Whether an output is to be made: somebody listens, or it is recorded."""
+        return self._recorder.running or self.topics.wanted(name)
+
+    def look(self) -> None:
+        """Watch the timeout; on the steady clock, since simulated time stops with the samples."""
+        if self.answering is None:
+            return
+        with self._lock:
+            self.answering.settle()
+        scene, logger = self._scene(), self._node.get_logger()
+        reason = self._waiting.look(self.answering.matcher, scene, time.monotonic())
+        if reason:
+            logger.warning(said(self.name, reason))
+        if not self.history:
+            return
+        silent = time.monotonic() - self._answered_at > scene.timeout
+        if silent and not self.links.silent:
+            self.links.timeouts += 1
+            text = f"no complete sample for {scene.timeout:g} s: zero wrench until the next"
+            logger.warning(said(self.name, text))
+            self.send_zero()
+        elif self.links.silent and not silent:
+            logger.info(said(self.name, "samples are back"))
+        self.links.silent = silent
+
+    def send_zero(self) -> None:
+        """Publish zero wrenches, where a sample was ever answered."""
+        with self._lock:
+            answer = None if self.answering is None else self.answering.zero()
+            if answer is not None:
+                self.topics.publish(answer)
+                self._record(answer)
+
+    def report(self, stamp: Time, recorder: Recorder | None) -> DiagnosticArray:
+        """What diagnostics say of it, and of the recording where they are to."""
+        with self._lock:  # what happens meanwhile belongs into the next report
+            health = None if self.answering is None else self.answering.health.taken()
+        return self._monitor.report(stamp, self.answering, recorder, self.links, health)
+
+    # --- lifecycle and parameters ----------------------------------------------------------------
+
+    def configure(self) -> str:
+        """Make the connector and its publishers; its model in words."""
+        self.answering = Answering(self._scene())
+        self.answering.wanted = self._wanted
+        self.topics.open_outputs(self._scene())
+        return self.answering.connector.model
+
+    def activate(self) -> None:
+        """Begin a new history."""
+        assert self.answering is not None
+        self.answering.release()  # a command that came before deactivation may be out of date
+        self.forget()
+
+    def deactivate(self) -> None:
+        """Unsubscribe, and send a last zero wrench."""
+        self.topics.close_inputs()
+        self.send_zero()
+
+    def clean(self) -> None:
+        """Release connector and publishers."""
+        self.topics.close_outputs()
+        self.answering = None
+
+    def wait_until_taken(self, timeout: Duration) -> None:
+        """Wait until subscribers have acknowledged the wrenches, at most ``timeout``."""
+        self.topics.wait_until_taken(timeout)
+
+    def forget(self) -> None:
+        """Forget the reference configuration and all history."""
+        assert self.answering is not None
+        self.answering.reset()
+        self.history = 0
+        self.links.silent = False
+
+    def prepare(self, scene: Scene) -> None:
+        """Make the connector of a changed scene; raises SceneError where it cannot be served."""
+        if self.answering is not None:
+            self._prepared = Answering(scene)
+            self._prepared.keep_imposed(self.answering)
+
+    def apply(self) -> None:
+        """Put in force what was prepared."""
+        prepared, previous, self._prepared = self._prepared, self.answering, None
+        if prepared is None or previous is None:
+            return
+        with self._lock:
+            prepared.take_over(previous)
+            self.answering = prepared
+            if not prepared.continues:
+                self.forget()
+        logger = self._node.get_logger()
+        if prepared.connector.model != previous.connector.model:
+            logger.info(said(self.name, prepared.connector.model))
+        if not prepared.continues:
+            logger.info(said(self.name, "the next sample is the reference configuration"))
