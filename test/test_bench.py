@@ -344,7 +344,7 @@ def test_a_node_that_dies_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     commands = node._commands
 
     def with_a_typing_error(folder: Path) -> dict[str, list[str]]:
-        return {**commands(folder), node.BARE: [sys.executable, "-c", "raise SystemExit(3)"]}
+        return {**commands(folder), node.BARE: ["cylconn_ros.no_such_module"]}
 
     monkeypatch.setattr(node, "_commands", with_a_typing_error)
     with pytest.raises(RuntimeError, match="bare forwarder ended too early"):

@@ -8,7 +8,7 @@ import pytest
 from ros_processes import installed, module, parameters, program
 
 from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.ros import connector_node, plant_node, process
+from cylconn_ros.ros import connector_node, plant_node, process, serving
 
 MAINS = {"connector": connector_node.main, "plant": plant_node.main}
 REFUSED = [
@@ -60,7 +60,7 @@ def test_nothing_given_says_what_is_needed(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "node", "physics"),
-    [("connector", connector_node, "Answering"), ("plant", plant_node, "Plant")],
+    [("connector", serving, "Answering"), ("plant", plant_node, "Plant")],
 )
 def test_compiling_is_announced_before_it_begins(name, node, physics, monkeypatch, capfd):
     def begin(*_):

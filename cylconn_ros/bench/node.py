@@ -31,7 +31,7 @@ _NAMES = {OURS: "ours", RECORDING: "recording", PLAIN: "plain", BARE: "bare"}  #
 _DELAY, _TAIL, _CPU, _RATE, _LOST = "delay", "99 % within", "CPU time a step", "steps/s", "lost"
 _RATES = {"at 500 samples/s": 500.0, "closed loop": 0.0, "at 2000 samples/s": 2000.0}
 _SLOW, _CLOSED, _FAST = _RATES
-_SCENE = {
+SCENE = {
     "body_a": {"kind": "free", "mass": 3.0, "inertia": [0.02, 0.0, 0.0, 0.03, 0.0, 0.03]},
     "body_b": {"kind": "free", "mass": 2.0, "inertia": [0.01, 0.0, 0.0, 0.02, 0.0, 0.02]},
     "node_a": {"orientation": [0.0, 0.0, 0.0, 1.0]},
@@ -60,25 +60,18 @@ def measure(settings: Settings, environment: Mapping[str, str]) -> Findings:
 
 
 def _commands(folder: Path) -> dict[str, list[str]]:
-    """How each contestant is started."""
+    """The module of each contestant and its arguments."""
     scene = folder / "scene.yaml"
-    scene.write_text(dump(Scene.from_parameters(_SCENE)), encoding="utf-8")
-    python = [sys.executable, "-m"]
+    scene.write_text(dump(Scene.from_parameters(SCENE)), encoding="utf-8")
     ros = {name: ["-r", f"__ns:=/{space}"] for name, space in _NAMES.items()}
-    connector = [
-        *python,
-        "cylconn_ros.ros.connector_node",
-        "--ros-args",
-        "--params-file",
-        str(scene),
-    ]
+    connector = ["cylconn_ros.ros.connector_node", "--ros-args", "--params-file", str(scene)]
     record = ["-p", "record.enabled:=true", "-p", f"record.directory:={folder / 'runs'}"]
     bench = "cylconn_ros.ros.bench"
     return {
         OURS: [*connector, *ros[OURS]],
         RECORDING: [*connector, *ros[RECORDING], *record],
-        PLAIN: [*python, f"{bench}.plain_node", str(scene), "--ros-args", *ros[PLAIN]],
-        BARE: [*python, f"{bench}.forwarder", "--ros-args", *ros[BARE]],
+        PLAIN: [f"{bench}.plain_node", str(scene), "--ros-args", *ros[PLAIN]],
+        BARE: [f"{bench}.forwarder", "--ros-args", *ros[BARE]],
     }
 
 
@@ -90,24 +83,28 @@ def _processes(folder: Path, environment: Mapping[str, str]) -> Iterator[Ask]:
     """All contestants and the driver; what asks one for samples at a rate."""
     with contextlib.ExitStack() as stack:
         running = {
-            name: stack.enter_context(_process(name, command, folder, environment))
+            name: stack.enter_context(process(_NAMES[name], command, folder, environment))
             for name, command in _commands(folder).items()
         }
-        driver = [sys.executable, "-m", "cylconn_ros.ros.bench.driver"]
-        asking = stack.enter_context(_process("driver", driver, folder, environment))
+        driver = ["cylconn_ros.ros.bench.driver"]
+        asking = stack.enter_context(process("driver", driver, folder, environment, talks=True))
 
         def ask(contestant: str, rate: float, samples: int) -> dict[str, Any]:
             assert asking.stdin is not None
             assert asking.stdout is not None
-            process = running[contestant]
-            task = {"name": _NAMES[contestant], "pid": process.pid, "rate": rate}
+            task = {"name": _NAMES[contestant], "pid": running[contestant].pid, "rate": rate}
             asking.stdin.write(json.dumps({**task, "samples": samples}) + "\n")
             asking.stdin.flush()
             line = asking.stdout.readline()
             ended = [name for name, one in running.items() if one.poll() is not None]
             if ended or not line:
                 name = ended[0] if ended else "driver"
-                said = _log(folder, name).read_text(errors="replace").strip().splitlines()
+                said = (
+                    _log(folder, _NAMES.get(name, name))
+                    .read_text(errors="replace")
+                    .strip()
+                    .splitlines()
+                )
                 last = said[-1] if said else "nothing was said"
                 raise RuntimeError(f"{name} ended too early: {last}")
             return dict(json.loads(line))
@@ -117,33 +114,41 @@ def _processes(folder: Path, environment: Mapping[str, str]) -> Iterator[Ask]:
 
 def _log(folder: Path, name: str) -> Path:
     """Where a process' words go."""
-    return folder / f"{_NAMES.get(name, name)}.log"
+    return folder / f"{name}.log"
 
 
 @contextlib.contextmanager
-def _process(
-    name: str, command: Sequence[str], folder: Path, environment: Mapping[str, str]
+def process(
+    name: str,
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    talks: bool = False,
 ) -> Iterator[subprocess.Popen[str]]:
-    """A process, out of the terminal's reach, that does not outlive the block."""
+    """A process, out of the terminal's reach, that does not outlive the block.
+
+    ``command``: a module and its arguments. What it says goes to a log in ``folder``; where it
+    ``talks``, its output is ours to read.
+    """
     clean = {k: v for k, v in environment.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
     with _log(folder, name).open("w") as log:
-        process = subprocess.Popen(
-            command,
+        started = subprocess.Popen(
+            [sys.executable, "-m", *command],
             env=clean,
             stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE if name == "driver" else log,
+            stdout=subprocess.PIPE if talks else log,
             stderr=log,
             text=True,
             start_new_session=True,
         )
     try:
-        yield process
+        yield started
     finally:
         for number in (signal.SIGINT, signal.SIGKILL):
-            if process.poll() is None:
-                process.send_signal(number)
+            if started.poll() is None:
+                started.send_signal(number)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                process.communicate(timeout=10.0)
+                started.communicate(timeout=10.0)
                 break
 
 

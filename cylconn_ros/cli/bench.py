@@ -13,6 +13,7 @@
   node     delay and CPU time of a sample as a node, recording on and off, beside a usual rclpy
            node and the least a node can do
   replay  reading a recording and evaluating its samples, by the input message
+  connectors  what a sample costs with 1, 10 and 100 connectors in one process, and what holds
   soak     millions of samples in lock step with a node that records them: memory, losses, and the
            laws of the recording; an hour or less
 
@@ -43,7 +44,17 @@ if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
     Part = Callable[[Settings], Findings]
 
 
-WHAT = ("kernel", "orders", "precision", "model", "stability", "node", "replay", "soak")
+WHAT = (
+    "kernel",
+    "orders",
+    "precision",
+    "model",
+    "stability",
+    "node",
+    "connectors",
+    "replay",
+    "soak",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -246,6 +257,15 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
         from cylconn_ros.cli import bench_replay
 
         return (("recordings replayed", bench_replay.measure),)
+    if what == "connectors":
+        from cylconn_ros.bench import connectors
+
+        return (
+            (
+                "1, 10 and 100 connectors",
+                lambda settings: connectors.measure(settings, private_environment()),
+            ),
+        )
     if what == "soak":
         return (("a node that records", reliability.soak),)
     from cylconn_ros.bench import orders

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,3 +53,10 @@ def _mark(sign: str, plain: str) -> str:
     except UnicodeEncodeError:
         return plain
     return sign
+
+
+def add_connector(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument that chooses one of several connectors in a recording."""
+    parser.add_argument(
+        "--connector", metavar="NAME", default="", help="which, where a run holds several"
+    )

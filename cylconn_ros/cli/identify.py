@@ -15,6 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.connector.scene import Scene, load
@@ -38,6 +39,7 @@ _TITLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("recording", metavar="BAG", type=Path, help="recorded directory or file")
+    add_connector(parser)
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="parameter file instead of the recording's"
     )
@@ -68,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     from cylconn_ros.identify.friction import identify
     from cylconn_ros.recording.samples import matched
 
-    recorded = read_run(options.recording)
+    recorded = read_run(options.recording, options.connector)
     scene = _scene(recorded, options)
     known = {name: _value(scene, name, value) for name, value in options.known}
     _refuse_commands(recorded)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.results import REGIMES, Results, reduce_states
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.reader import Run, Table, read_run
@@ -23,11 +24,12 @@ from cylconn_ros.report.sparkline import BLOCKS, PLAIN, sparkline, strip
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("recording", metavar="RUN", type=Path, help="recorded directory or file")
+    add_connector(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the screen; 1 if the recording is not whole or a topic holds undecodable messages."""
-    recorded = read_run(options.recording)
+    recorded = read_run(options.recording, options.connector)
     lines = [f"{recorded.path}"]
     if recorded.version:
         lines.append(f"recorded by cylconn_ros {recorded.version}")
@@ -63,6 +65,8 @@ def _undecodable(recorded: Run) -> dict[str, int]:
 
 
 def _states(recorded: Run) -> list[str]:
+    if recorded.connectors:
+        return _several(recorded)
     try:
         state = recorded.state
     except RecordingError as error:
@@ -74,6 +78,24 @@ def _states(recorded: Run) -> list[str]:
     found = reduce_states(state.time, state.columns)
     lines = [f"method      {methods}", f"model       {model}", *describe(found)]
     return lines + courses(state, width=shutil.get_terminal_size((100, 24)).columns)
+
+
+def _several(recorded: Run) -> list[str]:
+    """A line a connector."""
+    names = recorded.connectors
+    width = max(map(len, names))
+    lines = [f"{len(names)} connectors; more of one with --connector NAME"]
+    for name in names:
+        state = recorded.only(name).state
+        if len(state):
+            found = reduce_states(state.time, state.columns)
+            end = f"slide {found.distance:.6g} m, spin {found.turns:.6g} turns at the end"
+            worst = f"{found.worst_offset * 1e3:.1e} mm, {found.worst_misalignment * 1e3:.1e} mrad"
+            text = f"{found.samples} samples over {found.duration:.6g} s; {end}; at most {worst}"
+        else:
+            text = "no state was recorded"
+        lines.append(f"  {name:<{width}}  {text}")
+    return lines
 
 
 _COURSES = (

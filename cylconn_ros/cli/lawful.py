@@ -50,8 +50,10 @@ def broken(scene: Scene, states: Array, outs: Array) -> str:
     return ""
 
 
-def checked(run: Path, progress: Callable[[int, int], object]) -> tuple[Recorded, Tally]:
-    """The samples of a recorded run, and what the laws say of them.
+def checked(
+    run: Path, progress: Callable[[int, int], object], connector: str = ""
+) -> tuple[Recorded, Tally]:
+    """The samples of a recorded run, of the connector named, and what the laws say of them.
 
     Raises CommandError where none are stated for such a run, RecordingError where it cannot be
     read.
@@ -63,7 +65,7 @@ def checked(run: Path, progress: Callable[[int, int], object]) -> tuple[Recorded
     from cylconn_ros.recording.reader import read_run
 
     tally = Tally()
-    recorded = samples_of(read_run(run))
+    recorded = samples_of(read_run(run, connector))
     if recorded.method not in CLAIMS:
         raise CommandError(f"{run}: no laws are stated for method {recorded.method}")
     if recorded.scene.latency != 0:

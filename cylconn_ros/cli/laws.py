@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from cylconn_ros.cli import lawful
 from cylconn_ros.cli import laws_report as report
+from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
 
@@ -63,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--run", dest="recording", type=Path, metavar="RUN", help="a recorded run's samples instead"
     )
+    add_connector(parser)
 
 
 @dataclasses.dataclass
@@ -223,7 +225,7 @@ def _next(
 def _recorded(options: argparse.Namespace) -> int:
     """Check the samples of a recorded run."""
     with Progress("laws") as bar:
-        recorded, tally = lawful.checked(options.recording, bar)
+        recorded, tally = lawful.checked(options.recording, bar, options.connector)
     print(f"method {recorded.method}: {tally.samples} samples of {options.recording}\n")
     print("\n".join([*report.laws(tally, "sample"), *report.regimes(tally)]))
     if recorded.left_out:

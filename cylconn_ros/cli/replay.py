@@ -12,6 +12,7 @@ parameters they are the same bit for bit on the same machine and version.
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ from typing import Any
 import yaml
 
 import cylconn_ros
+from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.connector import scene_file
+from cylconn_ros.connector import many, scene_file
 from cylconn_ros.connector.scene import Scene
+from cylconn_ros.recording import connectors
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.ros.comparing import Comparison, Topic
@@ -35,6 +38,7 @@ _SHOWN = 6  # fields a topic
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("bag", metavar="BAG", type=Path, help="recorded directory or file")
+    add_connector(parser)
     parser.add_argument("-o", "--output", metavar="NAME", type=Path, help="keep the run (new)")
     parser.add_argument("--params", metavar="FILE", type=Path, help="parameter file (ROS 2 YAML)")
     parser.add_argument(
@@ -54,7 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay; 0 if all went well and, with --compare, nothing parts."""
-    bag = Bag(options.bag)
+    bag = Bag(options.bag, options.connector)
+    if connectors.names(bag.texts):
+        known = ", ".join(connectors.names(bag.texts))
+        raise CommandError(f"{bag.path}: holds several connectors, {known}: choose one with "
+                           "--connector NAME")  # fmt: skip
     scene = _scene(bag, options)
     replay = Replay(bag, scene, _renamed(options.remap))
     if options.output is not None and options.output.exists():
@@ -95,6 +103,7 @@ def _go(
             "method": replay.answering.connector.method,
             "model": replay.answering.connector.model,
             "parameters": scene_file.dump(replay.scene),
+            "connectors": json.dumps({many.ONE: {"topics": {**replay.inputs, **replay.names}}}),
             "replayed": f"from {replay.bag.path.name}",
         }
         writer = RunWriter(output, replay.topics(), texts, replay.scene.record.compression)

@@ -13,6 +13,7 @@ import datetime
 import math
 from pathlib import Path
 
+from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.results import Results, reduce_states
 from cylconn_ros.recording.reader import Run, read_run
@@ -25,6 +26,7 @@ _CLOCK_NS = 10**17  # later stamps are a date (1973), earlier ones a simulation'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("recording", metavar="RUN", type=Path, help="recorded directory or file")
+    add_connector(parser)
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="page to write (default RUN.html)"
     )
@@ -39,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page; 1 if the recording is not whole or holds states that cannot be decoded."""
-    recorded = _read(options.recording)
+    recorded = _read(options.recording, options.connector)
     name = options.recording.resolve().with_suffix("").name
     output = options.output or Path(f"{name}.html")
     if output.suffix not in (".html", ".htm"):
@@ -67,12 +69,12 @@ def run(options: argparse.Namespace) -> int:
     return 0 if recorded.incomplete is None and not recorded.state.undecodable else 1
 
 
-def _read(path: Path) -> Run:
+def _read(path: Path, connector: str) -> Run:
     """Read a run; of a recording without a connector's states, say what makes one of it."""
     elsewhere = f"cylconn replay {path} -o RUN makes a run of a recording of inputs"
     if path.suffix == ".db3" or (path.is_dir() and any(path.glob("*.db3"))):
         raise CommandError(f"{path}: is not an MCAP recording; {elsewhere}")
-    recorded = read_run(path)
+    recorded = read_run(path, connector)
     if "cylconn_ros/msg/ConnectorState" not in recorded.types.values():
         raise CommandError(f"{path}: holds no states of a connector; {elsewhere}")
     return recorded

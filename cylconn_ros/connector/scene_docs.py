@@ -17,12 +17,13 @@ _TABLE_HEAD = """\
 # Parameters
 
 One YAML file serves `connector`, `plant` and `cylconn simulate`; `config/connector.yaml` is an
-example with every parameter. Whole numbers are accepted where numbers are asked for. *Fixed*
-parameters are read when a node starts; the others can be changed while it runs (`ros2 param set`):
-a change is taken as a whole or refused with a reason, and not during a recording, which holds one
-set of parameters. A change of bodies, nodes, reference, period or method begins a new history: the
-next sample is the reference configuration. This file is made from
-`cylconn_ros/connector/scene.py` and `scene_parts.py`.
+example with every parameter. `connectors: [name, …]` makes several of them, each with the
+parameters below in a block of its name ([connectors.md](connectors.md)). Whole numbers are accepted
+where numbers are asked for. *Fixed* parameters are read when a node starts; the others can be
+changed while it runs (`ros2 param set`): a change is taken as a whole or refused with a reason, and
+not during a recording, which holds one set of parameters. A change of bodies, nodes, reference,
+period or method begins a new history: the next sample is the reference configuration. This file is
+made from `cylconn_ros/connector/scene.py` and `scene_parts.py`.
 """
 _EXAMPLE_HEAD = """\
 # Every parameter with its default; where one must be given, an example. docs/parameters.md is the

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from . import connectors
 from .blocks import Block, Found, of_messages
 from .errors import RecordingError
 from .source import Source
@@ -46,12 +47,16 @@ class Bag:
     ----------
         types: of every topic, ``package/msg/Name``.
         texts: kept with a run of ours (``parameters``, ``version``, …); empty for others'.
+        names: of a run of ours, the topics of the connector by the names that one alone has.
         damage: what could not be read so far, in words.
         done, size: bytes read so far, and in all.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        """Look at what is there; raises RecordingError where that is no recording."""
+    def __init__(self, path: Path | str, connector: str = "") -> None:
+        """Look at what is there; of several connectors that were recorded, at one.
+
+        Raises RecordingError where that is no recording, or holds no such connector.
+        """
         self.path = Path(path)
         self._files, custom = _files(self.path)
         self.types: dict[str, str] = {}
@@ -66,6 +71,10 @@ class Bag:
         except sqlite3.Error as error:
             raise RecordingError(f"{self.path}: not a readable recording: {error}") from None
         self.size, self.done = sum(self._sizes), 0
+        self.texts, self.names = connectors.part(self.texts, connector)
+        if connector:
+            own = set(self.names.values())
+            self.types = {topic: kind for topic, kind in self.types.items() if topic in own}
 
     def messages(self) -> Iterator[Message]:
         """Every message, in the order in which they stand in the files."""

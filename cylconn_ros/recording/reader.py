@@ -16,7 +16,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
-from . import schema
+from . import connectors, schema
 from .columns import columns
 from .errors import RecordingError
 from .writer import METADATA_RECORD
@@ -100,6 +100,18 @@ class Run:
         self._tables: dict[str, Table] = {}
 
     @property
+    def connectors(self) -> list[str]:
+        """Names of the connectors that were recorded; none where there is one alone."""
+        return connectors.names(self.metadata)
+
+    def only(self, connector: str) -> Run:
+        """The part of one of several connectors; raises RecordingError where there is none such."""
+        found = connectors.part(self.metadata, connector)
+        channels = {topic: self._channels[topic] for topic in found.topics.values()
+                    if topic in self._channels}  # fmt: skip
+        return Run(self.path, found.texts, channels, self.incomplete)
+
+    @property
     def version(self) -> str:
         """Version of the program that recorded it; empty if unknown."""
         return self.metadata.get("version", "")
@@ -139,6 +151,11 @@ class Run:
     def state(self) -> Table:
         """The connector's states; raises RecordingError unless exactly one topic has them."""
         topics = [topic for topic, name in self.types.items() if name == _STATE_TYPE]
+        if self.connectors:
+            raise RecordingError(
+                f"{self.path}: holds several connectors, {', '.join(self.connectors)}: "
+                "choose one with --connector NAME"
+            )
         if len(topics) != 1:
             found = ", ".join(topics) or "none"
             raise RecordingError(f"{self.path}: expected one topic of {_STATE_TYPE}, found {found}")
@@ -166,10 +183,11 @@ class Run:
             raise RecordingError(f"{self.path}: no topic {topic}; it has {names}") from None
 
 
-def read_run(path: Path | str) -> Run:
+def read_run(path: Path | str, connector: str = "") -> Run:
     """Read a recorded run from its directory, or from its MCAP file.
 
-    Raises RecordingError when there is no recording, it was never finished, or its parts disagree.
+    Of a run of several connectors, ``connector`` chooses one. Raises RecordingError when there is
+    no recording, it was never finished, or its parts disagree.
     """
     path = Path(path)
     declared: dict[str, Any] | None = None
@@ -206,7 +224,7 @@ def read_run(path: Path | str) -> Run:
         raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
     run = Run(file, metadata, channels)
     run.incomplete = _disagreement(run, declared)
-    return run
+    return run.only(connector) if connector else run
 
 
 def _check_ends(file: Path, stream: IO[bytes]) -> None:

@@ -27,7 +27,7 @@ from cylconn_ros.ros import bells
 _IDLE = 0.05  # s between looks whether to end, while nothing is expected
 _LOOK = 0.005  # s between looks whether what is expected has come
 _PATIENCE = 4.0  # of the time between samples: then others may not pile up any more
-_LEAST, _MOST = 0.005, 0.1  # s, of that time
+_LEAST, _MOST = 0.005, 1.0  # s, of that time
 _THOROUGH = 16  # once in so many rounds everything that waits is taken, not one of each
 _ALL = 1000
 

@@ -68,7 +68,7 @@ class Replay:
         self.answering = Answering(scene)
         self.node = bag.texts.get("node", NODE)
         self.inputs = _inputs(bag, self.answering, self.node, dict(renamed or {}))
-        self.names = {name: _resolved(name, self.node) for name, _ in OUTPUTS}
+        self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}
         self.outputs = dict(OUTPUTS)
         self.taken = frozenset(self.inputs.values())
         self.timing = {self.names[STATE_TOPIC]: self.answering.timing}
@@ -205,7 +205,7 @@ def _inputs(bag: Bag, answering: Answering, node: str, renamed: dict[str, str]) 
     found: dict[str, str] = {}
     missing = []
     for name, wanted in answering.inputs.items():
-        topic = renamed.get(name) or _resolved(name, node)
+        topic = renamed.get(name) or bag.names.get(name) or _resolved(name, node)
         if name not in renamed and topic not in bag.types:
             alike = [t for t in bag.types if t.endswith("/" + name.removeprefix("~/"))]
             topic = alike[0] if len(alike) == 1 else topic

@@ -22,6 +22,14 @@ def open_run(recorder: Recorder, node: Node, wanted: Record, connectors: Sequenc
     serving = [(one, one.answering) for one in connectors if one.answering is not None]
     if not serving:
         raise RecordingError(f"the node is {connectors[0].links.state}: nothing to record")
+    told = {
+        one.name: {
+            "method": answering.connector.method,
+            "model": answering.connector.model,
+            "topics": one.topics.by_name(answering),
+        }
+        for one, answering in serving
+    }
     metadata = {
         "version": __version__,
         "node": node.get_fully_qualified_name(),
@@ -31,10 +39,8 @@ def open_run(recorder: Recorder, node: Node, wanted: Record, connectors: Sequenc
             {one.name: answering.scene_in_force for one, answering in serving}
         ),
         "samples_before": str(sum(one.history for one in connectors)),  # 0: fit for replay
+        "connectors": json.dumps(told),
     }
-    if any(one.name for one in connectors):
-        topics = {one.name: one.topics.by_name(answering) for one, answering in serving}
-        metadata["topics"] = json.dumps(topics)
     recorded = {
         info.name: info for one, answering in serving for info in one.topics.recorded(answering)
     }
