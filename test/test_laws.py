@@ -146,6 +146,12 @@ bounds._least_rate = lambda gap, w, h, pull, explicit: min(-gap / h, pull)
 """,
         "U",
     ),
+    "a held misalignment turned about e1a": (
+        """
+kinematics.aligned = lambda swing: True
+""",
+        "C",
+    ),
     "restitution that gains energy": (
         """
 available.restitution_without_gain = lambda *given: given[-1]
@@ -155,12 +161,12 @@ available.restitution_without_gain = lambda *given: given[-1]
 }
 DRIVER = """
 import contextlib, io, json, math, sys
-from cylconn_ros.core import bounds, curve, disc, layout
+from cylconn_ros.core import bounds, curve, disc, kinematics, layout
 from cylconn_ros.laws import sampling
 from cylconn_ros.methods import available, sides
 from cylconn_ros.cli.main import main
 sampling.BLOCK, sampling.CHAINS = 40, 1  # so that a scene's last step is the connector's last
-modules = [bounds, curve, disc, available, sides]
+modules = [bounds, curve, disc, kinematics, available, sides]
 sound = [dict(vars(module)) for module in modules]
 solve, told = sides.solve_disc, {}
 for name, (change, roots) in json.loads(sys.argv[1]).items():

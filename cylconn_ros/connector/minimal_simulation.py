@@ -87,7 +87,7 @@ class Solution:
 
     @property
     def forces(self) -> Array:
-        """(N, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a (moments: of e1b where misaligned)."""
+        """(N, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a (moments: those of N)."""
         return self.rows[:, report.FORCES : report.FRICTION]
 
     @property

@@ -5,7 +5,7 @@ from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Body, Motion
 from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array, Contact
-from cylconn_ros.core.kinematics import Frame
+from cylconn_ros.core.kinematics import Frame, out_of_swung
 from cylconn_ros.core.vectors import (
     Quaternion,
     Vector,
@@ -21,7 +21,7 @@ from cylconn_ros.core.vectors import (
 
 @inline
 def write_forces(out: Array, f: Vector, m: Vector) -> None:
-    """The connector wrench on B at node b, axes of a."""
+    """The connector wrench on B at node b: the force in the axes of a, the moment in N."""
     model.put(out, out_at.FORCE, f)
     model.put(out, out_at.MOMENT, m)
 
@@ -57,7 +57,7 @@ def write_wrenches(
 
     Args:
         acting: the configuration in which the wrench acts; both bodies get it at the same point
-        there. f, m: force and moment on B at node b, axes of a.
+        there. f, m: force (axes of a) and moment (N) on B at node b.
         a, b: the bodies at the sample, where a published wrench is taken to force and torque.
         turned_a, turned_b: orientations half a period on: a wrench that is held in body axes and
         turns
@@ -65,7 +65,7 @@ def write_wrenches(
     """
     o = model.output(par)
     force = out_of(acting.axes, f)
-    moment = out_of(acting.axes, m)
+    moment = out_of_swung(acting, m)
     torque_b = add(cross(acting.arm_b, force), moment)
     force_a = scale(-1.0, force)
     torque_a = scale(-1.0, add(cross(acting.arm_a, force), moment))

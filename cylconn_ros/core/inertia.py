@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core.bodies import Body
 from cylconn_ros.core.compiled import inline
+from cylconn_ros.core.kinematics import aligned
 from cylconn_ros.core.vectors import (
     Matrix,
     Quaternion,
@@ -20,7 +21,10 @@ from cylconn_ros.core.vectors import (
 
 
 class Inertia(NamedTuple):
-    """G by its 3x3 blocks, axes of a: force to velocity, moment to velocity, moment to spin."""
+    """G by its 3x3 blocks: force to velocity, moment to velocity, moment to spin.
+
+    Forces and velocities in the axes of a, E; moments and spins there too, or in N = E S.
+    """
 
     ff: Symmetric
     fm: Matrix  # rows: dv_i / dm_j
@@ -59,3 +63,14 @@ def of_both(a: Inertia, b: Inertia) -> Inertia:
         (add(a.fm[0], b.fm[0]), add(a.fm[1], b.fm[1]), add(a.fm[2], b.fm[2])),
         (u[0] + v[0], u[1] + v[1], u[2] + v[2], u[3] + v[3], u[4] + v[4], u[5] + v[5]),
     )
+
+
+@inline
+def swung(g: Inertia, swing: Quaternion) -> Inertia:
+    """G with moments and spins counted in N = E S instead of E."""
+    if aligned(swing):
+        return g
+    n = matrix(swing)  # columns: N in the axes of a
+    back = ((n[0][0], n[1][0], n[2][0]), (n[0][1], n[1][1], n[2][1]), (n[0][2], n[1][2], n[2][2]))
+    fm = (into(n, g.fm[0]), into(n, g.fm[1]), into(n, g.fm[2]))
+    return Inertia(g.ff, fm, tensor_in(back, g.mm))

@@ -3,6 +3,9 @@
 Symbols (axes of a, unless said): d = xb - xa; l = e1a.d; y = e2a.d, z = e3a.d; v, w the relative
 twist at node b. The orientation of b in a is split as swing times twist, swing across e1a and twist
 about it.
+
+What is held of the swing is S. B then turns about its own e1b, so w and the moments are counted in
+the axes N = E S (E those of a, whose first is e1a; N's first is e1b). Aligned, N is E.
 """
 
 import math
@@ -24,6 +27,9 @@ from cylconn_ros.core.vectors import (
     sub,
 )
 
+ROUNDING = 1e-15  # rad: a swing as small is none
+BELOW_ONE = 1.0 - 2.0**-53
+
 
 class Nodes(NamedTuple):
     """Where the end points are fixed: from each body's mass centre, in body axes; node a's axes."""
@@ -31,19 +37,21 @@ class Nodes(NamedTuple):
     a: Vector
     a_axes: Quaternion
     b: Vector
+    swing: Quaternion  # S; exactly (0, 0, 0, 1) where aligned
 
 
 class Frame(NamedTuple):
     """The connector's geometry in one configuration, world axes."""
 
-    axes: Matrix  # e1a, e2a, e3a
+    axes: Matrix  # E: e1a, e2a, e3a
+    swing: Quaternion  # S, the same in every configuration
     d: Vector  # xb - xa
     arm_a: Vector  # xb - mass centre of A: the wrench acts at b on both bodies
     arm_b: Vector  # xb - mass centre of B
 
 
 class Twist(NamedTuple):
-    """Relative velocity at node b and relative angular velocity, axes of a."""
+    """Relative velocity at node b in the axes of a, and relative angular velocity in N."""
 
     v: Vector
     w: Vector
@@ -59,24 +67,55 @@ class Angles(NamedTuple):
 
 
 @inline
+def aligned(swing: Quaternion) -> bool:
+    """Whether the held swing is none, so that N is E."""
+    return swing[3] == 1.0
+
+
+@inline
+def swing_of(misalignment_2: float, misalignment_3: float) -> Quaternion:
+    """S, which takes e1a to e1b, of the misalignment, the rotation vector from e1b to e1a."""
+    size = math.sqrt(misalignment_2 * misalignment_2 + misalignment_3 * misalignment_3)
+    if size < ROUNDING:
+        return (0.0, 0.0, 0.0, 1.0)
+    s = -math.sin(0.5 * size) / size
+    w = min(math.cos(0.5 * size), BELOW_ONE)  # not to be taken for aligned
+    return (0.0, s * misalignment_2, s * misalignment_3, w)
+
+
+@inline
 def frame(nodes: Nodes, a: Motion, b: Motion) -> Frame:
     """The connector's geometry for two bodies, each given at its mass centre."""
     axes_a = matrix(a.orientation)
     arm_b = out_of(matrix(b.orientation), nodes.b)
     arm_a = sub(add(b.com, arm_b), a.com)
     d = sub(arm_a, out_of(axes_a, nodes.a))
-    return Frame(matrix(multiply(a.orientation, nodes.a_axes)), d, arm_a, arm_b)
+    axes = matrix(multiply(a.orientation, nodes.a_axes))
+    return Frame(axes, nodes.swing, d, arm_a, arm_b)
+
+
+@inline
+def into_swung(f: Frame, a: Vector) -> Vector:
+    """N^T a: from world axes."""
+    inner = into(f.axes, a)
+    return inner if aligned(f.swing) else into(matrix(f.swing), inner)
+
+
+@inline
+def out_of_swung(f: Frame, a: Vector) -> Vector:
+    """N a: to world axes."""
+    return out_of(f.axes, a if aligned(f.swing) else out_of(matrix(f.swing), a))
 
 
 @inline
 def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
-    """J v: the rates of (l, y, z) are exactly v; those of the angles are w where aligned.
+    """J v: the rates of (l, y, z) are exactly v; those of the angles are w where S is the swing.
 
-    v = axes^T (vb - va - wa x (xb - xa)), written at the mass centres; w = axes^T (wB - wA).
+    v = E^T (vb - va - wa x (xb - xa)), written at the mass centres; w = N^T (wB - wA).
     """
     vb = add(b.velocity, cross(b.spin, f.arm_b))
     va = add(a.velocity, cross(a.spin, f.arm_a))
-    return Twist(into(f.axes, sub(vb, va)), into(f.axes, sub(b.spin, a.spin)))
+    return Twist(into(f.axes, sub(vb, va)), into_swung(f, sub(b.spin, a.spin)))
 
 
 @inline

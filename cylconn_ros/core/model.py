@@ -43,7 +43,7 @@ TABLE: Final = 109  # rates, forces, values
 STARTED: Final = 0  # whether there is a reference configuration
 LENGTH0: Final = 1
 ANGLE0: Final = 2
-TARGET: Final = 3  # y0, z0 and the held misalignment, 4
+TARGET: Final = 3  # y0, z0
 AXES_B: Final = 7  # node b's orientation in body B, 4
 LAST_ANGLE: Final = 11
 LAST_SPIN: Final = 12
@@ -83,7 +83,8 @@ LATE: Final = 272  # the latency measured, periods
 SEEN: Final = 273  # 2 x 3, velocities of the mass centres in the last sample
 MOMENTUM: Final = 279  # 2 x 3, angular momenta about the mass centres at the last sample
 HELD_LOADS: Final = 285  # 2 x 6, the last sample's loads about the mass centres, world axes
-NMEM: Final = 297
+SWING: Final = 297  # the held swing S as a quaternion, 4
+NMEM: Final = 301
 
 
 class Output(NamedTuple):
@@ -129,9 +130,9 @@ def body(par: Array, at: int) -> Body:
 
 
 @inline
-def nodes(par: Array) -> Nodes:
-    """Where the end points are."""
-    return Nodes(vector(par, NODE_A), quaternion(par, NODE_A + 3), vector(par, NODE_B))
+def nodes(par: Array, swing: Quaternion) -> Nodes:
+    """Where the end points are, and the swing that is held."""
+    return Nodes(vector(par, NODE_A), quaternion(par, NODE_A + 3), vector(par, NODE_B), swing)
 
 
 @inline

@@ -12,10 +12,12 @@ from cylconn_ros.core.kinematics import (
     Frame,
     Nodes,
     Twist,
+    aligned,
     angles,
     frame,
     orientation_in,
     relative_twist,
+    swing_of,
     unwrapped,
 )
 from cylconn_ros.core.linear import Four
@@ -32,6 +34,8 @@ from cylconn_ros.core.vectors import (
     scale,
     sub,
 )
+
+Two = tuple[float, float]
 
 HUGE = 1e15  # beyond it squares of squares leave the range of doubles: as good as infinite
 TINY = 1e-6  # shorter quaternions have no direction worth trusting
@@ -51,7 +55,7 @@ class Observed(NamedTuple):
     twist: Twist  # J(q) v
     length: float
     angle: float
-    error: Four  # (y, z, swing 2, swing 3) less their targets; its rates are (v2, v3, w2, w3)
+    error: Four  # y, z less their targets, swing from S in N; its rates are (v2, v3, w2, w3)
     flags: int
 
 
@@ -82,9 +86,9 @@ def _motion(body: Body, sample: Array, pose: int, twist: int) -> Motion:
 
 
 @inline
-def _orientation(par: Array, mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Quaternion:
+def _orientation(par: Array, mem: Array, a: Motion, b: Motion) -> Quaternion:
     """Node b's axes in node a's; the first sample fixes them in body B where they are not given."""
-    axes_a = multiply(a.orientation, nodes.a_axes)
+    axes_a = multiply(a.orientation, model.quaternion(par, model.NODE_A + 3))
     if mem[model.STARTED] == 0.0:
         axes_b = model.quaternion(par, model.NODE_B + 4)
         if par[model.NODE_B + 3] == 0.0:
@@ -105,18 +109,21 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
         out: (NOUT,).
     """
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
-    nodes = model.nodes(par)
     a = _motion(body_a, sample, out_at.A_POSE, out_at.A_TWIST)
     b = _motion(body_b, sample, out_at.B_POSE, out_at.B_TWIST)
+    seen = _orientation(par, mem, a, b)
+    if mem[model.STARTED] == 0.0:
+        _hold_swing(par, mem, seen)
+    nodes = model.nodes(par, model.quaternion(mem, model.SWING))
     f = frame(nodes, a, b)
     rates = relative_twist(f, a, b)
     position = into(f.axes, f.d)
-    angle, m2, m3, half_turn = angles(_orientation(par, mem, nodes, a, b))
+    angle, swing, misalignment, half_turn = _swung(nodes, seen)
     flags = out_at.HALF_TURN if half_turn else 0
 
     h = mem[model.LAST_PERIOD]
     if mem[model.STARTED] == 0.0:
-        _start(par, mem, position, angle, m2, m3)
+        _start(par, mem, position, angle)
     else:
         predicted = mem[model.LAST_ANGLE] + 0.5 * h * (mem[model.LAST_SPIN] + rates.w[0])
         angle, unsure = unwrapped(angle, predicted)
@@ -139,8 +146,8 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     mem[model.LAST_ANGLE], mem[model.LAST_SPIN] = angle, rates.w[0]
     model.put(mem, model.LAST_POSITION, position)
     model.put(mem, model.LAST_VELOCITY, rates.v)
-    error = _error(mem, position, m2, m3)
-    _write(par, mem, out, position, angle, (m2, m3), rates, error)
+    error = _error(mem, position, swing)
+    _write(par, mem, out, position, angle, misalignment, rates, error)
     return Observed(body_a, body_b, nodes, a, b, f, rates, position[0], angle, error, flags)
 
 
@@ -167,14 +174,41 @@ def _integrates_otherwise(par: Array, mem: Array, a: Motion, b: Motion, h: float
 
 
 @inline
-def _error(mem: Array, position: Vector, m2: float, m3: float) -> Four:
-    """Offsets and swings less their targets."""
+def _error(mem: Array, position: Vector, swing: Two) -> Four:
+    """Offsets less their targets, and the swing from the held one."""
     return (
         position[1] - mem[model.TARGET],
         position[2] - mem[model.TARGET + 1],
-        mem[model.TARGET + 2] - m2,
-        mem[model.TARGET + 3] - m3,
+        swing[0],
+        swing[1],
     )
+
+
+@inline
+def _swung(nodes: Nodes, seen: Quaternion) -> tuple[float, Two, Two, bool]:
+    """The angle, the swing from the held one (in N), the misalignment (axes of a), a half turn.
+
+    seen: node b's axes in node a's. As S R T with a remaining swing R, the angle is that of T: it
+    turns at w1 also where S is near a half turn.
+    """
+    whole = angles(seen)
+    m2, m3 = whole.misalignment_2, whole.misalignment_3
+    if aligned(nodes.swing):
+        return whole.angle, (-m2, -m3), (m2, m3), whole.half_turn
+    rest = angles(multiply(conjugate(nodes.swing), seen))
+    swing = (-rest.misalignment_2, -rest.misalignment_3)
+    return rest.angle, swing, (m2, m3), whole.half_turn
+
+
+@inline
+def _hold_swing(par: Array, mem: Array, seen: Quaternion) -> None:
+    """Keep the swing that is to be held, where one is: that of the first sample."""
+    whole = angles(seen)
+    swing = (0.0, 0.0, 0.0, 1.0)
+    if par[model.REFERENCE + 1] != 0.0:
+        swing = swing_of(whole.misalignment_2, whole.misalignment_3)
+    for k in range(4):
+        mem[model.SWING + k] = swing[k]
 
 
 @inline
@@ -183,7 +217,7 @@ def _sum(a: Vector, b: Vector) -> Vector:
 
 
 @inline
-def _start(par: Array, mem: Array, position: Vector, angle: float, m2: float, m3: float) -> None:
+def _start(par: Array, mem: Array, position: Vector, angle: float) -> None:
     """Take this sample as the reference configuration."""
     mem[model.STARTED] = 1.0
     mem[model.LENGTH0] = mem[model.HELD_LENGTH] = position[0]
@@ -191,9 +225,6 @@ def _start(par: Array, mem: Array, position: Vector, angle: float, m2: float, m3
     hold = par[model.REFERENCE] != 0.0
     mem[model.TARGET] = position[1] if hold else 0.0
     mem[model.TARGET + 1] = position[2] if hold else 0.0
-    hold = par[model.REFERENCE + 1] != 0.0
-    mem[model.TARGET + 2] = m2 if hold else 0.0
-    mem[model.TARGET + 3] = m3 if hold else 0.0
     mem[model.SPRING0] = _spring_energy(par, mem, position[0], angle)
 
 
@@ -221,16 +252,16 @@ def _account(mem: Array, m: Motion, at: int, h: float) -> None:
 @jit
 def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Array) -> None:
     """Write the kinematic part of ``out`` for a sample answered ``early`` seconds ahead."""
-    nodes = model.nodes(par)
+    nodes = model.nodes(par, model.quaternion(mem, model.SWING))
     a = _motion(model.body(par, model.BODY_A), sample, out_at.A_POSE, out_at.A_TWIST)
     b = _motion(model.body(par, model.BODY_B), sample, out_at.B_POSE, out_at.B_TWIST)
     f = frame(nodes, a, b)
     rates = relative_twist(f, a, b)
     position = into(f.axes, f.d)
-    angle, m2, m3, _ = angles(_orientation(par, mem, nodes, a, b))
+    angle, swing, misalignment, _ = _swung(nodes, _orientation(par, mem, a, b))
     angle, _ = unwrapped(angle, mem[model.LAST_ANGLE] - early * rates.w[0])
-    error = _error(mem, position, m2, m3)
-    _write(par, mem, out, position, angle, (m2, m3), rates, error)
+    error = _error(mem, position, swing)
+    _write(par, mem, out, position, angle, misalignment, rates, error)
 
 
 @inline
@@ -240,7 +271,7 @@ def _write(
     out: Array,
     position: Vector,
     angle: float,
-    misalignment: tuple[float, float],
+    misalignment: Two,
     rates: Twist,
     error: Four,
 ) -> None:

@@ -23,7 +23,7 @@ def _moment(out: Array) -> Array:
 def balance(p: Parameters, o: Observed, s: Step, out: Array) -> Array:
     """A: the published wrenches are J~^T Lambda, opposite at node b in the configuration q~."""
     force = rigid.out_of(s.frame.axes, out[:, layout.FORCE : layout.MOMENT])
-    moment = rigid.out_of(s.frame.axes, _moment(out))
+    moment = rigid.out_of(s.frame.untwisted, _moment(out))
     lever_a, lever_b = np.cross(s.frame.arm_a, force), np.cross(s.frame.arm_b, force)
     sizes = rigid.norm(moment) + rigid.norm(force) * rigid.norm(s.frame.arm_a_size)
     sizes_b = rigid.norm(moment) + rigid.norm(force) * rigid.norm(s.frame.arm_b_size)

@@ -189,18 +189,18 @@ def _inertias(p: Parameters, o: Observed) -> dict[str, Array]:
 
 
 def _turning(o: Observed) -> tuple[Array, Array]:
-    """(n, 6) J' v: what turning frames add to the accelerations, axes of a, and its size."""
+    """(n, 6) J' v: what turning frames add to the accelerations, and its size."""
     f, wa, wb = o.frame, o.a.spin, o.b.spin
     speed = rigid.out_of(f.axes, o.w[:, :3])
     linear = np.cross(wb, np.cross(wb, f.arm_b)) - np.cross(wa, np.cross(wa, f.arm_a))
     linear -= 2.0 * np.cross(wa, speed)
     size = rigid.cross_size(wb, rigid.cross_size(wb, f.arm_b_size))
     size += rigid.cross_size(wa, rigid.cross_size(wa, f.arm_a_size))
-    axes = np.abs(f.axes)
+    axes, untwisted = np.abs(f.axes), np.abs(f.untwisted)
     size += 2.0 * rigid.cross_size(wa, rigid.out_of(axes, o.w_size[:, :3]))
     total = [
         rigid.into(f.axes, linear),
-        rigid.into(f.axes, np.asarray(-np.cross(wa, wb), dtype=np.float64)),
+        rigid.into(f.untwisted, np.asarray(-np.cross(wa, wb), dtype=np.float64)),
     ]
-    sizes = [rigid.into(axes, size), rigid.into(axes, rigid.cross_size(wa, wb))]
+    sizes = [rigid.into(axes, size), rigid.into(untwisted, rigid.cross_size(wa, wb))]
     return np.concatenate(total, axis=1), np.concatenate(sizes, axis=1)

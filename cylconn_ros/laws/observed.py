@@ -1,6 +1,7 @@
 """What a sample says, and what the connector may remember of the earlier ones.
 
-The relative twist of b against a at node b is written w = (v1 v2 v3 w1 w2 w3), axes of a. Every
+The relative twist of b against a at node b is written w = (v1 v2 v3 w1 w2 w3), linear in the axes
+of a, E, angular in those that the held swing S turns these to, N = E S. Every
 quantity that a law sums up comes with its size: the sum of the absolute values of its terms.
 """
 
@@ -82,9 +83,10 @@ class Motion(Rows):
 
 @dataclasses.dataclass
 class Frame(Rows):
-    """The connector in one configuration: axes of a, and node b from both mass centres."""
+    """The connector in one configuration: axes, and node b from both mass centres."""
 
-    axes: Array  # (n, 3, 3)
+    axes: Array  # (n, 3, 3) E
+    untwisted: Array  # (n, 3, 3) N
     arm_a: Array
     arm_b: Array
     arm_a_size: Array
@@ -102,9 +104,10 @@ class Observed(Rows):
     w_size: Array
     place: Array  # (n, 2) l and the angle
     place_size: Array
-    error: Array  # (n, 4) of y, z and both swings, less their targets
+    error: Array  # (n, 4) of y, z less their targets, and the swing from S, in N
     error_size: Array
     target: Array  # (n, 4) of y, z and both swings
+    swing: Array  # (n, 4) S as a quaternion: takes e1a to where e1b is held
     held: Array  # (n, 2) the place that stick holds, here or before
     holding: Bools  # stuck at the last sample: a place is held
     new_hold: Bools  # here: nothing to bring back yet
@@ -127,12 +130,19 @@ def motion(body: Bodies, sample: Array, pose: int, twist: int) -> Motion:
     )
 
 
-def frame(p: Parameters, a: Motion, b: Motion) -> Frame:
+def held_swing(target: Array) -> Array:
+    """(n, 4) S as a quaternion, of targets (n, 4): the swing against the vector from e1b to e1a."""
+    none = np.zeros((len(target), 1))
+    return rigid.exp(np.concatenate([none, -target[:, 2:]], axis=1))
+
+
+def frame(p: Parameters, a: Motion, b: Motion, swing: Array) -> Frame:
     """The connector's frame; the wrench acts at node b on both bodies."""
     arm_b = rigid.out_of(rigid.matrix(b.orientation), p.b.node)
     axes = rigid.matrix(rigid.multiply(a.orientation, p.axes_a))
+    turned = rigid.matrix(rigid.multiply(rigid.multiply(a.orientation, p.axes_a), swing))
     size = np.abs(arm_b)
-    return Frame(axes, b.com - a.com + arm_b, arm_b, a.com_size + b.com_size + size, size)
+    return Frame(axes, turned, b.com - a.com + arm_b, arm_b, a.com_size + b.com_size + size, size)
 
 
 def relative(f: Frame, va: Array, wa: Array, vb: Array, wb: Array) -> tuple[Array, Array]:
@@ -140,9 +150,9 @@ def relative(f: Frame, va: Array, wa: Array, vb: Array, wb: Array) -> tuple[Arra
     linear = vb - va + np.cross(wb, f.arm_b) - np.cross(wa, f.arm_a)
     linear_size = np.abs(vb) + np.abs(va)
     linear_size += rigid.cross_size(wb, f.arm_b_size) + rigid.cross_size(wa, f.arm_a_size)
-    axes = np.abs(f.axes)
-    total = [rigid.into(f.axes, linear), rigid.into(f.axes, wb - wa)]
-    size = [rigid.into(axes, linear_size), rigid.into(axes, np.abs(wb) + np.abs(wa))]
+    total = [rigid.into(f.axes, linear), rigid.into(f.untwisted, wb - wa)]
+    axes, untwisted = np.abs(f.axes), np.abs(f.untwisted)
+    size = [rigid.into(axes, linear_size), rigid.into(untwisted, np.abs(wb) + np.abs(wa))]
     return np.concatenate(total, axis=1), np.concatenate(size, axis=1)
 
 
@@ -150,24 +160,28 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
     """Look at one sample (n, NSAMPLE) of n connectors."""
     a = motion(p.a, sample, layout.A_POSE, layout.A_TWIST)
     b = motion(p.b, sample, layout.B_POSE, layout.B_TWIST)
-    f = frame(p, a, b)
-    w, _ = relative(f, a.velocity, a.spin, b.velocity, b.spin)
-    _, w_size = relative(f, a.velocity_size, a.spin, b.velocity_size, b.spin)
-    d = rigid.into(f.axes, f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node))
-    far = rigid.into(np.abs(f.axes), f.arm_a_size)
     seen = rigid.multiply(
         rigid.conjugate(rigid.multiply(a.orientation, p.axes_a)),
         rigid.multiply(b.orientation, _axes_b(p, a, b, past)),
     )
-    swing, angle = rigid.swing(seen), rigid.twist_angle(seen)
+    first = np.where(p.hold_misalignment[:, None], rigid.swing(seen), 0.0)
+    swings = np.where(past.started[:, None], past.target[:, 2:], first)
+    swing = held_swing(np.concatenate([np.zeros_like(swings), swings], axis=1))
+    f = frame(p, a, b, swing)
+    w, _ = relative(f, a.velocity, a.spin, b.velocity, b.spin)
+    _, w_size = relative(f, a.velocity_size, a.spin, b.velocity_size, b.spin)
+    d = rigid.into(f.axes, f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node))
+    far = rigid.into(np.abs(f.axes), f.arm_a_size)
+    rest = rigid.multiply(rigid.conjugate(swing), seen)  # what is left of b's orientation from S on
+    angle = rigid.twist_angle(rest)
     predicted = past.angle + 0.5 * past.period * (past.spin + w[:, 3])
     turns = np.floor((predicted - angle) / (2.0 * np.pi) + 0.5)
     angle = np.where(past.started, angle + 2.0 * np.pi * turns, angle)
     place = np.stack([d[:, 0], angle], axis=1)
-    found = np.concatenate([d[:, 1:], swing], axis=1)
-    first = np.where(_held_rows(p), found, 0.0)
-    target = np.where(past.started[:, None], past.target, first)
-    error = (found - target) * np.array([1.0, 1.0, -1.0, -1.0])
+    offsets = np.where(p.hold_offsets[:, None], d[:, 1:], 0.0)
+    offsets = np.where(past.started[:, None], past.target[:, :2], offsets)
+    target = np.concatenate([offsets, swings], axis=1)
+    error = np.concatenate([d[:, 1:] - offsets, -rigid.swing(rest)], axis=1)
     ones = np.ones((len(sample), 2))
     new_hold = ((past.stuck <= 1.0) | ~past.started)[:, None]
     return Observed(
@@ -181,11 +195,17 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
         error=error,
         error_size=np.concatenate([far[:, 1:], 2.0 * ones], axis=1) + np.abs(target),
         target=target,
+        swing=swing,
         held=np.where(new_hold, place, past.held),
         holding=past.stuck >= 1.0,
         new_hold=past.stuck <= 1.0,
         start=np.where(past.started[:, None], past.start, place),
     )
+
+
+def axes_in_b(p: Parameters, o: Observed, past: History) -> Array:
+    """(n, 4) node b's axes in body B."""
+    return _axes_b(p, o.a, o.b, past)
 
 
 def _axes_b(p: Parameters, a: Motion, b: Motion, past: History) -> Array:
@@ -195,11 +215,6 @@ def _axes_b(p: Parameters, a: Motion, b: Motion, past: History) -> Array:
     )
     first = np.where(np.isnan(p.axes_b[:, :1]), aligned, p.axes_b)
     return np.asarray(np.where(past.started[:, None], past.axes_b, first))
-
-
-def _held_rows(p: Parameters) -> Bools:
-    hold = [p.hold_offsets, p.hold_offsets, p.hold_misalignment, p.hold_misalignment]
-    return np.stack(hold, axis=1)
 
 
 def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
@@ -212,7 +227,7 @@ def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
         past,
         started=np.ones_like(past.started),
         target=o.target,
-        axes_b=_axes_b(p, o.a, o.b, past),
+        axes_b=axes_in_b(p, o, past),
         start=o.start,
         stuck=np.where(stick, past.stuck + 1.0, 0.0),
         held=o.held,

@@ -23,7 +23,7 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.balance import received
-from cylconn_ros.laws.observed import Motion, motion, no_history, observe
+from cylconn_ros.laws.observed import Motion, axes_in_b, motion, no_history, observe
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of
 
 Array = NDArray[np.float64]
@@ -88,6 +88,10 @@ def scenes() -> dict[str, dict[str, Any]]:
         "two free bodies 20:1": pair,
         "two free bodies 1:100": light,
         "two free bodies, held in body axes": {**pair, "wrench": {"hold": "body"}},
+        "sleeve held 60 degrees off": {
+            **sleeve,
+            "node_b": {"orientation": [0.0, 0.3, 0.4, 0.75**0.5]},
+        },
         "spring and damper": {
             **pair,
             "elasticity": {"k1": 40.0, "kr1": 0.1},
@@ -124,8 +128,8 @@ def closed_loop(values: dict[str, Any], period: float) -> tuple[float, float, fl
     sample = start(p, values["start"])
     past = no_history(1)
     first = observe(p, sample, past)
+    past = dataclasses.replace(past, axes_b=axes_in_b(p, first, past), start=first.start)
     past = dataclasses.replace(past, started=np.array([True]), target=first.target)
-    past = dataclasses.replace(past, axes_b=_aligned(p, first.a, first.b), start=first.start)
     position, rate, angle = 0.0, 0.0, 0.0
     phi: Array = np.zeros(2)
     steps = round(DURATION / period)
@@ -147,22 +151,18 @@ def _angle(a: Array, b: Array) -> float:
     return abs(float(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
 
 
-def _aligned(p: Parameters, a: Motion, b: Motion) -> Array:
-    axes = rigid.multiply(a.orientation, p.axes_a)
-    return rigid.multiply(rigid.conjugate(b.orientation), axes)
-
-
 def start(p: Parameters, how: dict[str, Any]) -> Array:
     """(1, NSAMPLE): B 0.2 m along the slot, sliding and spinning on A, both turning together."""
     sample = np.zeros((1, layout.NSAMPLE))
     axes = rigid.matrix(p.axes_a)[0]
     turning = np.array(how["turning"])
     at_b = 0.2 * axes[:, 0]
+    own = axes if np.isnan(p.axes_b[0, 0]) else axes @ rigid.matrix(p.axes_b)[0]
     sample[0, 6] = 1.0
     sample[0, 10:13] = turning
     sample[0, 13:16], sample[0, 16:20] = at_b, p.axes_a[0]
     sample[0, 20:23] = np.cross(turning, at_b) + how["slide"] * axes[:, 0]
-    sample[0, 23:26] = turning + how["spin"] * axes[:, 0]
+    sample[0, 23:26] = turning + how["spin"] * own[:, 0]
     return sample
 
 

@@ -16,6 +16,7 @@ from cylconn_ros.laws.step import Step
 
 Array = NDArray[np.float64]
 Names = NDArray[np.str_]
+HELD_TILT = math.radians(150.0)  # at most, where what is found is held; else 1 rad, to be pulled in
 
 
 def out_of_reach(p: Parameters, s: Step) -> Bools:
@@ -48,15 +49,16 @@ def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Boo
     axes = rigid.matrix(q_node)
     wrong = np.where(calm[:, None], 0.0, 1.0)
     tilt = wrong * _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, 0.0, n)[:, None]
+    held = (p.hold_misalignment & ~np.isnan(p.axes_b[:, 0]))[:, None]
+    tilt *= np.where(held, HELD_TILT, 1.0)
     v, w = _rates(rng, n, calm)
     length = rng.normal(size=n) * decades(rng, -2.0, 0.5, n)
     reach = 0.5 * FARTHEST * _gyration(p.a)
     length = _near(rng, p, 0, np.minimum(reach, 1e3) * np.clip(length / reach, -1.0, 1.0), v[:, 0])
     angle = _near(rng, p, 1, rng.uniform(-math.pi, math.pi, n), w[:, 0])
-    turn = rigid.multiply(
-        rigid.exp(tilt * np.array([0.0, 1.0, 1.0])),
-        rigid.exp(angle[:, None] * np.array([1.0, 0.0, 0.0])),
-    )
+    swing = rigid.exp(tilt * np.array([0.0, 1.0, 1.0]))
+    turn = rigid.multiply(swing, rigid.exp(angle[:, None] * np.array([1.0, 0.0, 0.0])))
+    untwisted = rigid.matrix(np.where(held, rigid.multiply(q_node, swing), q_node))
     given = np.where(np.isnan(p.axes_b[:, :1]), orientation(rng, n), p.axes_b)
     qb = rigid.normalised(rigid.multiply(rigid.multiply(q_node, turn), rigid.conjugate(given)))
     offset = wrong * _sometimes(rng, n) * direction(rng, n) * decades(rng, -12.0, -0.5, n)[:, None]
@@ -68,7 +70,7 @@ def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Boo
     still = (rng.random(n) < np.where(family_of == "wide", 0.2, 0.5)) | calm
     spin_a = direction(rng, n) * np.where(still, 0.0, decades(rng, -3.0, 3.0, n))[:, None]
     speed_a = direction(rng, n) * decades(rng, -3.0, 1.5, n)[:, None]
-    spin_b = spin_a + rigid.out_of(axes, w)
+    spin_b = spin_a + rigid.out_of(untwisted, w)
     speed_b = speed_a + np.cross(spin_a, arm_a) + rigid.out_of(axes, v) - np.cross(spin_b, arm_b)
     at_b = at_a + arm_a - arm_b
     # seen from a body that stands still

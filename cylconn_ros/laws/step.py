@@ -1,7 +1,8 @@
 """The step with known inertia, written from its definition (docs/equations.md).
 
-    w+ = J~ (v_f + h M^-1 J~^T Lambda)        Lambda = (f1 f2 f3 m1 m2 m3) on B at node b, axes of a
+    w+ = J~ (v_f + h M^-1 J~^T Lambda)        Lambda = (f1 f2 f3 m1 m2 m3) on B at node b
 
+Forces in the axes of a, E; moments in N = E S, S the held swing.
 q~: orientations half a step on, mass centres at their mean over the free step. v_f: the free
 velocity, spin by the midpoint rule of Euler's equation. All rows for all samples at once.
 """
@@ -108,11 +109,11 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
     loads_a = sample[:, layout.A_LOAD : layout.B_LOAD]
     loads_b = sample[:, layout.B_LOAD : layout.NSAMPLE]
     a, b = _free_step(p, p.a, o.a, loads_a), _free_step(p, p.b, o.b, loads_b)
-    acting = frame(p, a.middle, b.middle)
+    acting = frame(p, a.middle, b.middle, o.swing)
     still, still_size = _of_motion(acting, o)
     gain, _ = relative(acting, a.gain, a.turn, b.gain, b.turn)
     _, gain_size = relative(acting, a.gain, a.turn_size, b.gain, b.turn_size)
-    ahead = frame(p, _ahead(p, o.a), _ahead(p, o.b))
+    ahead = frame(p, _ahead(p, o.a), _ahead(p, o.b), o.swing)
     there, there_size = _of_motion(ahead, o)
     exact = _column(~p.explicit).astype(np.float64)
     keep = 0.5 * exact
@@ -206,12 +207,11 @@ def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Arra
     wrench: (n, 6) Lambda; terms: (n, 6) the sums of the absolute values of the parts that make it.
     """
     force = rigid.out_of(s.frame.axes, wrench[:, :3])
-    moment = rigid.out_of(s.frame.axes, wrench[:, 3:])
+    moment = rigid.out_of(s.frame.untwisted, wrench[:, 3:])
     zero = np.zeros_like(force)
     total, size = np.zeros_like(wrench), np.zeros_like(wrench)
-    axes = np.abs(s.frame.axes)
-    force_size = rigid.out_of(axes, terms[:, :3])
-    moment_size = rigid.out_of(axes, terms[:, 3:])
+    force_size = rigid.out_of(np.abs(s.frame.axes), terms[:, :3])
+    moment_size = rigid.out_of(np.abs(s.frame.untwisted), terms[:, 3:])
     h = _column(p.h)
     for sign, body, inverse, arm, arm_size in (
         (1.0, p.b, s.inverse_b, s.frame.arm_b, s.frame.arm_b_size),
@@ -233,8 +233,9 @@ def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Arra
 
 
 def compliance(p: Parameters, s: Step) -> Array:
-    """G = J~ M^-1 J~^T (n, 6, 6), axes of a."""
+    """G = J~ M^-1 J~^T (n, 6, 6), in the axes of Lambda."""
     n = len(p.h)
+    back = s.frame.axes.transpose(0, 2, 1) @ s.frame.untwisted  # from N to E
     total = np.zeros((n, 6, 6))
     for body, inverse, arm in (
         (p.b, s.inverse_b, s.frame.arm_b),
@@ -243,9 +244,9 @@ def compliance(p: Parameters, s: Step) -> Array:
         turns = s.frame.axes.transpose(0, 2, 1) @ inverse @ s.frame.axes
         lever = rigid.skew(rigid.into(s.frame.axes, arm))
         total[:, :3, :3] += body.inverse_mass[:, None, None] * np.eye(3) - lever @ turns @ lever
-        total[:, :3, 3:] -= lever @ turns
-        total[:, 3:, :3] += turns @ lever
-        total[:, 3:, 3:] += turns
+        total[:, :3, 3:] -= lever @ turns @ back
+        total[:, 3:, :3] += back.transpose(0, 2, 1) @ turns @ lever
+        total[:, 3:, 3:] += back.transpose(0, 2, 1) @ turns @ back
     return total
 
 

@@ -27,8 +27,8 @@ from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
 from cylconn_ros.core.bounds import imposed_force
 from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.inertia import of_body, of_both
-from cylconn_ros.core.kinematics import Frame, Twist
+from cylconn_ros.core.inertia import of_body, of_both, swung
+from cylconn_ros.core.kinematics import Frame, Twist, into_swung
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed, observe
 from cylconn_ros.core.traction import least_traction, moved
@@ -57,9 +57,12 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     o = observe(par, mem, sample, out)
     body_a, body_b = o.body_a, o.body_b
     f = o.frame
-    g = of_both(
-        of_body(body_a, f.axes, o.a.orientation, f.arm_a),
-        of_body(body_b, f.axes, o.b.orientation, f.arm_b),
+    g = swung(
+        of_both(
+            of_body(body_a, f.axes, o.a.orientation, f.arm_a),
+            of_body(body_b, f.axes, o.b.orientation, f.arm_b),
+        ),
+        f.swing,
     )
     free = _relative_acceleration(
         f, o,
@@ -121,14 +124,14 @@ def _acceleration(
 def _relative_acceleration(
     f: Frame, o: Observed, a: tuple[Vector, Vector], b: tuple[Vector, Vector]
 ) -> Twist:
-    """J a + J' v: the rates of the relative twist, axes of a."""
+    """J a + J' v: the rates of the relative twist."""
     wa, wb = o.a.spin, o.b.spin
     at_b = add(add(b[0], cross(b[1], f.arm_b)), cross(wb, cross(wb, f.arm_b)))
     at_a = add(add(a[0], cross(a[1], f.arm_a)), cross(wa, cross(wa, f.arm_a)))
     coriolis = scale(2.0, cross(wa, out_of(f.axes, o.twist.v)))
     return Twist(
         into(f.axes, sub(sub(at_b, at_a), coriolis)),
-        into(f.axes, sub(sub(b[1], a[1]), cross(wa, wb))),
+        into_swung(f, sub(sub(b[1], a[1]), cross(wa, wb))),
     )
 
 

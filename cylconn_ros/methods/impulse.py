@@ -1,7 +1,7 @@
 """Known inertia: constraint reactions and friction of one step, solved together.
 
-The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b in the axes of a, held over the coming
-period h:
+The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b, held over the coming period h; forces
+in the axes of a, moments in N (core/kinematics.py):
 
     v+ = vf + h M^-1 J~^T Lambda       vf: free velocity, of gravity, loads, gyroscopic terms
     w+ = J~ v+                         relative twist at node b, J~ in the configuration q~
@@ -34,7 +34,7 @@ from cylconn_ros.core.answer import write_wrenches
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.inertia import Inertia, of_body, of_both
+from cylconn_ros.core.inertia import Inertia, of_body, of_both, swung
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
 from cylconn_ros.core.linear import Four, factor, solve
 from cylconn_ros.core.observe import Observed, observe
@@ -135,9 +135,12 @@ def frozen(par: Array, sample: Array, o: Observed, h: float) -> Step:
     free_a = _loaded(par, body_a, o.a, sample, out_at.A_LOAD, h, explicit)
     free_b = _loaded(par, body_b, o.b, sample, out_at.B_LOAD, h, explicit)
     f = frame(o.nodes, free_a.middle, free_b.middle)
-    g = of_both(
-        of_body(body_a, f.axes, free_a.middle.orientation, f.arm_a),
-        of_body(body_b, f.axes, free_b.middle.orientation, f.arm_b),
+    g = swung(
+        of_both(
+            of_body(body_a, f.axes, free_a.middle.orientation, f.arm_a),
+            of_body(body_b, f.axes, free_b.middle.orientation, f.arm_b),
+        ),
+        f.swing,
     )
     wf = relative_twist(f, free_a.end, free_b.end)
     turning = _turning(o.nodes, f, o, h, explicit)

@@ -22,7 +22,7 @@ from cylconn_ros.core.answer import write_contact, write_forces
 from cylconn_ros.core.bodies import Body, Motion
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.kinematics import frame
+from cylconn_ros.core.kinematics import frame, into_swung
 from cylconn_ros.core.observe import observe
 from cylconn_ros.core.vectors import (
     Vector,
@@ -126,7 +126,7 @@ def step(par: Array, mem: Array, sample: Array, _h: float, out: Array) -> int:
         weight += share
         force, moment = add_scaled(force, -share, push), add_scaled(moment, -share, turn)
     force = into(f.axes, scale(1.0 / weight, force))
-    moment = into(f.axes, scale(1.0 / weight, moment))
+    moment = into_swung(f, scale(1.0 / weight, moment))
     return o.flags | _report(par, mem, out, force, moment, place, rates, dt)
 
 

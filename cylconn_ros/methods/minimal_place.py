@@ -23,7 +23,7 @@ from cylconn_ros.core import model
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
 from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.inertia import Inertia, of_body, of_both
+from cylconn_ros.core.inertia import Inertia, of_body, of_both, swung
 from cylconn_ros.core.kinematics import Frame
 from cylconn_ros.core.linear import Four, factor, solve
 from cylconn_ros.core.vectors import (
@@ -39,10 +39,8 @@ from cylconn_ros.core.vectors import (
     multiply,
     normalised,
     out_of,
-    product,
     scale,
     sub,
-    tensor_in,
     turned,
 )
 
@@ -123,8 +121,8 @@ def _moved(joint: Array, t: float) -> Motion:
 @inline
 def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     """The bodies at time t and coordinates y."""
-    nodes = model.nodes(par)
     swing = model.quaternion(joint, SWING)
+    nodes = model.nodes(par, swing)
     axes_b = model.quaternion(joint, AXES_B)
     at_b = (y[LENGTH], joint[OFFSETS], joint[OFFSETS + 1])
     twist = _about_e1(y[ANGLE])
@@ -141,7 +139,7 @@ def place(par: Array, joint: Array, t: float, y: Array) -> Place:
         va = sub(add(b.velocity, cross(b.spin, arm_b)), cross(wa, arm_a))
         va = add_scaled(va, -y[SLIDE], axes[0])
         a = Motion(sub(add(b.com, arm_b), arm_a), qa, va, wa)
-        return Place(a, b, Frame(axes, d, arm_a, arm_b), untwisted)
+        return Place(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
     if joint[MODE] == BOTH_FREE:
         a = Motion(
             model.vector(y, A_COM),
@@ -161,7 +159,7 @@ def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     wb = add_scaled(a.spin, y[SPIN], untwisted[0])
     vb = add_scaled(add(a.velocity, cross(a.spin, arm_a)), y[SLIDE], axes[0])
     b = Motion(sub(add(a.com, arm_a), arm_b), qb, sub(vb, cross(wb, arm_b)), wb)
-    return Place(a, b, Frame(axes, d, arm_a, arm_b), untwisted)
+    return Place(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
 
 
 @inline
@@ -186,12 +184,7 @@ def inertia_at(par: Array, p: Place) -> Inertia:
         of_body(body_a, p.frame.axes, p.a.orientation, p.frame.arm_a),
         of_body(body_b, p.frame.axes, p.b.orientation, p.frame.arm_b),
     )
-    n = product(p.frame.axes, p.untwisted)  # columns: N in the axes of a
-    if n[0][0] == 1.0 and n[1][1] == 1.0:
-        return g
-    back = ((n[0][0], n[1][0], n[2][0]), (n[0][1], n[1][1], n[2][1]), (n[0][2], n[1][2], n[2][2]))
-    fm = (into(n, g.fm[0]), into(n, g.fm[1]), into(n, g.fm[2]))
-    return Inertia(g.ff, fm, tensor_in(back, g.mm))
+    return swung(g, p.frame.swing)
 
 
 @inline

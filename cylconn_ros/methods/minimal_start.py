@@ -1,6 +1,5 @@
 """From a sample to the scene's own coordinates."""
 
-import math
 from typing import Final
 
 from cylconn_ros.core import layout as out_at
@@ -74,12 +73,8 @@ def start(
     joint[at.MODE] = mode
     _put_motion(joint, at.PRESCRIBED, o.b if mode == at.B_MOVES else o.a)
     joint[at.OFFSETS], joint[at.OFFSETS + 1] = mem[model.TARGET], mem[model.TARGET + 1]
-    m2, m3 = mem[model.TARGET + 2], mem[model.TARGET + 3]
-    swing = math.sqrt(m2 * m2 + m3 * m3)
-    s = -math.sin(0.5 * swing) / swing if swing > 0.0 else 0.0
-    joint[at.SWING], joint[at.SWING + 1], joint[at.SWING + 2] = 0.0, s * m2, s * m3
-    joint[at.SWING + 3] = math.cos(0.5 * swing)
     for k in range(4):
+        joint[at.SWING + k] = mem[model.SWING + k]
         joint[at.AXES_B + k] = mem[model.AXES_B + k]
     for k in range(12):
         joint[at.LOADS + k] = sample[out_at.A_LOAD + k]
@@ -96,11 +91,8 @@ def start(
     joint[at.CONSTITUTIVE] = model.given(par[ref + 2], mem[model.LENGTH0])
     joint[at.CONSTITUTIVE + 1] = model.given(par[ref + 3], mem[model.ANGLE0])
 
-    y[at.LENGTH], y[at.ANGLE], y[at.SLIDE] = o.length, o.angle, o.twist.v[0]
-    # of the relative spin, what is along e1b: (cos, 0, 0) + sin across it in the axes of a
-    share = math.sin(swing) / swing if swing > 0.0 else 1.0
-    w = o.twist.w
-    y[at.SPIN] = math.cos(swing) * w[0] - share * m3 * w[1] + share * m2 * w[2]
+    y[at.LENGTH], y[at.ANGLE] = o.length, o.angle
+    y[at.SLIDE], y[at.SPIN] = o.twist.v[0], o.twist.w[0]
     if mode == at.BOTH_FREE:
         _put_motion(y, at.A_COM, o.a)
     prepare(par, joint, y)
