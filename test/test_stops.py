@@ -134,6 +134,21 @@ def test_an_impact_with_a_mass_off_the_axis_never_gains_energy() -> None:
     assert lowered >= 3
 
 
+def test_what_friction_stops_does_not_bounce() -> None:
+    """An impact under way, but the sleeve comes to rest by itself before it is at the stop."""
+    scene = sleeve(
+        l0=0.0986,
+        v=1.0,
+        stops={"l_max": 0.1, "restitution": 1.0},
+        friction={"coefficient": 0.5, "radius": 0.02, "overlap": 0.1, "preload": 4e3},
+        **WEIGHTLESS,
+    )
+    found = run(with_period(scene, 1e-3), 0.01)
+    assert (found.outs[:, layout.STOP] == 0).all()
+    assert found.state("length").max() < 0.1
+    assert abs(found.state("velocity")[3:, 0]).max() < 1e-12
+
+
 def test_a_lock_closes_where_its_position_is_passed() -> None:
     scene = sleeve(v=1.0, lock={"component": "slide", "position": 0.25}, **WEIGHTLESS)
     found = run(scene, 0.2)

@@ -189,12 +189,13 @@ def _hold(p: Parameters, o: Observed, b: Bounds) -> None:
     b.impact = np.where(rows, 0.0, b.impact)
 
 
-def after(p: Parameters, o: Observed, past: History, b: Bounds, coefficient: Array) -> History:
-    """``past`` with what bounds remember of this sample; coefficient: as in :func:`bounds`."""
+def after(p: Parameters, o: Observed, past: History, b: Bounds, out: Array) -> History:
+    """``past`` with what bounds remember of this sample and its answer."""
+    coefficient = out[:, layout.RESTITUTION]
     rows = p.lock >= 0
     last = np.where(p.lock == 1, o.place[:, 1], o.place[:, 0])
     velocity = np.where(np.isnan(p.command[:, :, 1]), 0.0, p.command[:, :, 1])
-    pending = np.where(p.explicit[:, None], 0.0, b.impact)
+    pending = np.where(p.explicit[:, None] | (stop_sides(out) == 0.0), 0.0, b.impact)
     leaving = np.where(pending != 0.0, -coefficient[:, None] * o.w[:, AVAILABLE], past.leaving)
     begins = (pending != 0.0).any(axis=1)
     return dataclasses.replace(

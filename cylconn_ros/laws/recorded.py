@@ -124,7 +124,7 @@ def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History
         for name in names:
             getattr(past, name)[k] = getattr(last, name)[0]
         of, seen = p.take(row), o.take(row)
-        last = after(of, seen, here, bounds(of, seen, here, reported[row]), reported[row])
+        last = after(of, seen, here, bounds(of, seen, here, reported[row]), out[row])
     return past
 
 

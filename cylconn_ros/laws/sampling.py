@@ -105,7 +105,7 @@ def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, Hi
     o = observe(p, sample, block.past)
     b = bounds_of(block, o)
     d, d_size = elastic.after(p, o, block.past, out)
-    past = after(p, o, remember(p, o, block.past, out), b, out[:, layout.RESTITUTION])
+    past = after(p, o, remember(p, o, block.past, out), b, out)
     past = dataclasses.replace(past, elastic=d, elastic_size=d_size)
     s = begin(p, o, sample)
     moved = sample.copy()

@@ -81,7 +81,7 @@ def available(
         stop |= _stop_bits(sides[0])
     if not (imposed(par, 1) or (locked and component == 2)):
         stop |= _stop_bits(sides[1]) << 2
-    restitution = _remember_impacts(mem, o, b1, b2, eps, explicit)
+    restitution = _remember_impacts(mem, o, b1, b2, eps, explicit, sides)
     _remember_friction(par, mem, o, solved, h)
     advance_imposed(par, mem, h)
     at = model.ELASTICITY
@@ -152,11 +152,13 @@ def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation
 
 @inline
 def _remember_impacts(
-    mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: float, explicit: bool
-) -> float:
+    mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: float, explicit: bool,
+    sides: tuple[int, int],
+) -> float:  # fmt: skip
     """Keep what an impact's second step needs; the coefficient that acts in this step.
 
-    A semi-implicit plant (``explicit``) has none: its impacts are one step.
+    None follows where something else than the stop held the component back, nor on a semi-implicit
+    plant (``explicit``), whose impacts are one step.
     """
     acting = 0.0
     rates = (o.twist.v[0], o.twist.w[0])
@@ -167,7 +169,7 @@ def _remember_impacts(
             mem[model.PENDING_SIDE + k] = 0.0
         elif impact != 0:
             acting = eps
-            mem[model.PENDING_SIDE + k] = 0.0 if explicit else impact
+            mem[model.PENDING_SIDE + k] = 0.0 if explicit or sides[k] == 0 else impact
             mem[model.PENDING_RATE + k] = -eps * rates[k]
             mem[model.PENDING_RESTITUTION] = eps
     return acting
