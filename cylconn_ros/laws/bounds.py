@@ -97,7 +97,7 @@ def bounds(p: Parameters, o: Observed, past: History, coefficient: Array) -> Bou
         target = np.where(begins, first, target)
         size = np.where(begins, first_size, size)
         target = np.where(second, -side * past.leaving, target)
-        size = np.where(second, np.abs(past.leaving), size)
+        size = np.where(second, past.leaving_size, size)
         impact = np.where(begins, side, impact)
         limits.append(np.where(there, -side * target, side * np.inf))
         sizes.append(np.where(there, size, 0.0))
@@ -196,12 +196,13 @@ def after(p: Parameters, o: Observed, past: History, b: Bounds, out: Array) -> H
     last = np.where(p.lock == 1, o.place[:, 1], o.place[:, 0])
     velocity = np.where(np.isnan(p.command[:, :, 1]), 0.0, p.command[:, :, 1])
     pending = np.where(p.explicit[:, None] | (stop_sides(out) == 0.0), 0.0, b.impact)
-    leaving = np.where(pending != 0.0, -coefficient[:, None] * o.w[:, AVAILABLE], past.leaving)
+    w, w_size, eps = o.w[:, AVAILABLE], o.w_size[:, AVAILABLE], coefficient[:, None]
     begins = (pending != 0.0).any(axis=1)
     return dataclasses.replace(
         past,
         pending=pending,
-        leaving=leaving,
+        leaving=np.where(pending != 0.0, -eps * w, past.leaving),
+        leaving_size=np.where(pending != 0.0, eps * w_size, past.leaving_size),
         unsure=b.doubt,
         bounce=np.where(begins, coefficient, past.bounce),
         locked=np.asarray(b.locked.any(axis=1)),

@@ -32,6 +32,7 @@ class History(Rows):
     period: Array
     pending: Array  # (n, 2) the side of an impact that has its second step to come: -1, 1; 0: none
     leaving: Array  # (n, 2) the rate that it leaves with
+    leaving_size: Array
     bounce: Array  # (n,) its coefficient
     unsure: Bools  # whether there is one could not be known
     locked: Bools
@@ -57,6 +58,7 @@ def no_history(n: int) -> History:
         period=np.zeros(n),
         pending=np.zeros((n, 2)),
         leaving=np.zeros((n, 2)),
+        leaving_size=np.zeros((n, 2)),
         bounce=np.zeros(n),
         unsure=np.zeros(n, dtype=np.bool_),
         locked=np.zeros(n, dtype=np.bool_),

@@ -111,6 +111,7 @@ def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History
     names = (
         "pending",
         "leaving",
+        "leaving_size",
         "bounce",
         "unsure",
         "locked",
