@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .blocks import Block, Found, of_messages
 from .errors import RecordingError
 from .schema import PRIMITIVES, Schema
 
@@ -118,17 +119,22 @@ def columns(
 
     Raises RecordingError for types with lists of messages inside, which have no columns.
     """
-    good = np.zeros(len(messages), dtype=bool)
-    shapes: dict[int, list[int]] = {}
-    for row, message in enumerate(messages):
-        shapes.setdefault(len(message), []).append(row)
+    return of_block(schema, type_name, of_messages([Found(0, 0, 0, m) for m in messages]))
+
+
+def of_block(
+    schema: Schema, type_name: str, block: Block, which: npt.NDArray[np.intp] | None = None
+) -> tuple[dict[str, npt.NDArray[Any]], npt.NDArray[np.bool_]]:
+    """Decode messages ``which`` (n,) of a block, by default all, as :func:`columns` does."""
+    which = np.arange(len(block)) if which is None else which
+    good = np.zeros(len(which), dtype=bool)
+    sizes = block.size[which]
     parts: list[tuple[npt.NDArray[np.intp], dict[str, npt.NDArray[Any]]]] = []
-    for size, row_list in shapes.items():
+    for size in np.unique(sizes).tolist():
         if size < HEADER_BYTES:
             continue
-        rows = np.array(row_list)
-        table = np.frombuffer(b"".join(messages[row] for row in row_list), dtype=np.uint8)
-        table = table.reshape(len(rows), size)
+        rows = np.flatnonzero(sizes == size)
+        table = block.rows(which[rows], size)
         while len(rows):
             same, part = _one_shape(schema, type_name, table)
             if part is not None:
@@ -176,6 +182,10 @@ def _one_shape(
 def _texts(rows: npt.NDArray[np.uint8], offset: int, length: int) -> npt.NDArray[np.object_]:
     """Text at a fixed place of every row; a run has few different ones, so each is decoded once."""
     block = np.ascontiguousarray(rows[:, offset : offset + length])
+    if (block == block[:1]).all():
+        found = np.empty(len(rows), dtype=object)
+        found[:] = block[0].tobytes().decode("utf-8", errors="replace")
+        return found
     distinct, inverse = np.unique(block, axis=0, return_inverse=True)
     decoded = np.empty(len(distinct), dtype=object)
     decoded[:] = [row.tobytes().decode("utf-8", errors="replace") for row in distinct]
@@ -193,7 +203,7 @@ def _join(
     result: dict[str, npt.NDArray[Any]] = {}
     for name, sample in parts[0][1].items():
         pieces = [part[name] for _, part in parts]
-        ragged = len({piece.shape[1:] for piece in pieces}) > 1
+        ragged = _are_ragged(pieces)
         column = (
             np.empty(int(good.sum()), dtype=object)
             if ragged
@@ -207,3 +217,22 @@ def _join(
                 column[place[rows]] = piece
         result[name] = column
     return result
+
+
+def appended(parts: list[dict[str, npt.NDArray[Any]]]) -> dict[str, npt.NDArray[Any]]:
+    """The columns of several lots of messages, one lot after the other; takes ``parts`` apart."""
+    parts = [part for part in parts if part]
+    result: dict[str, npt.NDArray[Any]] = {}
+    for name in list(parts[0]) if parts else ():
+        pieces = [part.pop(name) for part in parts]
+        if not _are_ragged(pieces):
+            result[name] = np.concatenate(pieces)
+            continue
+        result[name] = np.empty(sum(map(len, pieces)), dtype=object)
+        for k, row in enumerate(row for piece in pieces for row in piece):
+            result[name][k] = row
+    return result
+
+
+def _are_ragged(pieces: list[npt.NDArray[Any]]) -> bool:
+    return len({(piece.shape[1:], piece.dtype == object) for piece in pieces}) > 1

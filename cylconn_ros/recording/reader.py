@@ -17,9 +17,10 @@ from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
 from . import connectors, schema
-from .columns import columns
+from .blocks import Block
+from .columns import appended, of_block
 from .errors import RecordingError
-from .writer import METADATA_RECORD
+from .source import Source
 
 _STATE_TYPE = "cylconn_ros/msg/ConnectorState"
 
@@ -62,17 +63,25 @@ class Table:
         return np.asarray((stamp - stamp[:1]) * 1e-9, dtype=np.float64)
 
 
+_Counted = tuple[int, int, int]  # messages, log times of the first and the last
+
+
 @dataclass
 class _Channel:
     type: str
     definition: str
-    messages: list[bytes] = field(default_factory=list)
-    log_time: list[int] = field(default_factory=list)
-    publish_time: list[int] = field(default_factory=list)
+    numbers: set[int] = field(default_factory=set)  # in the file; mostly one
+    count: int = 0
+    times: tuple[int, int] = (0, 0)  # log times of the first and the last message
+
+    def add(self, count: int, first: int, last: int) -> None:
+        """Count messages, and keep the log times of the first and the last."""
+        self.times = (self.times[0] if self.count else first), last
+        self.count += count
 
 
 class Run:
-    """A recorded run.
+    """A recorded run. Its messages stay in the file until they are asked for.
 
     Attributes
     ----------
@@ -94,7 +103,7 @@ class Run:
         self.metadata = dict(metadata)
         self.incomplete = incomplete
         self.parameters = _parameters(metadata.get("parameters", ""))
-        self.counts = {topic: len(channel.messages) for topic, channel in channels.items()}
+        self.counts = {topic: channel.count for topic, channel in channels.items()}
         self.types = {topic: channel.type for topic, channel in channels.items()}
         self._channels = channels
         self._tables: dict[str, Table] = {}
@@ -119,37 +128,67 @@ class Run:
     @property
     def duration(self) -> float:
         """Seconds from the first to the last message, by their log times."""
-        ends = [(c.log_time[0], c.log_time[-1]) for c in self._channels.values() if c.log_time]
+        ends = [c.times for c in self._channels.values() if c.count]
         return (max(e for _, e in ends) - min(s for s, _ in ends)) * 1e-9 if ends else 0.0
 
     def raw(self, topic: str) -> Iterator[tuple[int, int, bytes]]:
         """Log time, publish time (ns) and bytes of every message of a topic, as written."""
-        channel = self._channel(topic)
-        return zip(channel.log_time, channel.publish_time, channel.messages, strict=True)
+        numbers = self._channel(topic).numbers
+        for block in _blocks(self.path):
+            for number, log_time, publish_time, data in block.messages():
+                if number in numbers:
+                    yield log_time, publish_time, data
+
+    def pieces(self, *topics: str) -> Iterator[Table]:
+        """Topics decoded as the file is read: tables of some messages, in the order of the file.
+
+        Raises RecordingError for a topic that is unknown or whose type has no columns.
+        """
+        wanted = [(topic, self._channel(topic)) for topic in topics]
+        schemas = {topic: self._schema(topic) for topic in topics}
+        for block in _blocks(self.path):
+            for topic, channel in wanted:
+                which = np.flatnonzero(np.isin(block.channel, list(channel.numbers)))
+                if not len(which):
+                    continue
+                try:
+                    found, good = of_block(*schemas[topic], block, which)
+                except RecordingError as error:
+                    raise RecordingError(f"{topic} ({channel.type}): {error}") from None
+                log_time = block.log_time[which][good].astype(np.int64)
+                publish_time = block.publish_time[which][good].astype(np.int64)
+                undecodable = int((~good).sum())
+                yield Table(topic, channel.type, log_time, publish_time, found, undecodable)
 
     def table(self, topic: str) -> Table:
         """Decode a topic; raises RecordingError if it is unknown or its type has no columns."""
         if topic not in self._tables:
-            channel = self._channel(topic)
-            name = schema.short_name(channel.type)[0]
-            try:
-                parsed = schema.parse(channel.type, channel.definition)
-                found, good = columns(parsed, name, channel.messages)
-            except RecordingError as error:
-                raise RecordingError(f"{topic} ({channel.type}): {error}") from None
-            self._tables[topic] = Table(
-                topic,
-                channel.type,
-                np.array(channel.log_time, dtype=np.int64)[good],
-                np.array(channel.publish_time, dtype=np.int64)[good],
-                found,
-                int((~good).sum()),
-            )
+            pieces = list(self.pieces(topic))
+            none = [np.zeros(0, np.int64)]
+            log_time = np.concatenate([piece.log_time for piece in pieces] or none)
+            publish_time = np.concatenate([piece.publish_time for piece in pieces] or none)
+            undecodable = sum(piece.undecodable for piece in pieces)
+            found = appended([dict(piece.columns) for piece in pieces])
+            kind = self._channel(topic).type
+            self._tables[topic] = Table(topic, kind, log_time, publish_time, found, undecodable)
         return self._tables[topic]
+
+    def _schema(self, topic: str) -> tuple[schema.Schema, str]:
+        channel = self._channel(topic)
+        name = schema.short_name(channel.type)[0]
+        try:
+            return schema.parse(channel.type, channel.definition), name
+        except RecordingError as error:
+            raise RecordingError(f"{topic} ({channel.type}): {error}") from None
 
     @property
     def state(self) -> Table:
         """The connector's states; raises RecordingError unless exactly one topic has them."""
+        return self.table(self.state_topic)
+
+    @property
+    def state_topic(self) -> str:
+        """Their topic; raises RecordingError unless there is exactly one."""
         topics = [topic for topic, name in self.types.items() if name == _STATE_TYPE]
         if self.connectors:
             raise RecordingError(
@@ -159,7 +198,7 @@ class Run:
         if len(topics) != 1:
             found = ", ".join(topics) or "none"
             raise RecordingError(f"{self.path}: expected one topic of {_STATE_TYPE}, found {found}")
-        return self.table(topics[0])
+        return topics[0]
 
     def topic(self, ending: str) -> str:
         """Find the one topic whose name ends in ``ending``, whatever namespace the run had.
@@ -198,33 +237,52 @@ def read_run(path: Path | str, connector: str = "") -> Run:
         if len(names) != 1:
             raise RecordingError(f"{path}: expected one recorded file, found {len(names)}")
         file = path / names[0]
-    metadata: dict[str, str] = {}
     channels: dict[str, _Channel] = {}
     try:
         with file.open("rb") as stream:
             _check_ends(file, stream)
-            reader = make_reader(stream, validate_crcs=True)
-            summary = reader.get_summary()
-            if summary is None:
+            if make_reader(stream).get_summary() is None:
                 raise RecordingError(f"{file}: has no summary, by which messages are looked up")
-            for record in reader.iter_metadata():
-                if record.name == METADATA_RECORD:
-                    metadata.update(record.metadata)
-            for channel in sorted(summary.channels.values(), key=lambda channel: channel.id):
-                found = summary.schemas[channel.schema_id]
-                channels[channel.topic] = _Channel(found.name, found.data.decode("utf-8"))
-            for _, channel, message in reader.iter_messages(log_time_order=False):
-                kept = channels[channel.topic]
-                kept.messages.append(message.data)
-                kept.log_time.append(message.log_time)
-                kept.publish_time.append(message.publish_time)
+            stream.seek(0)
+            source = Source(stream, file.stat().st_size)
+            counted = [_counted(block) for block in source.blocks()]
+        if source.damage:
+            raise RecordingError(f"{file}: not a readable recording: {source.damage}")
+        for number, channel in sorted(source.channels.items()):
+            kind = source.type_of(number)
+            definition = source.schemas[channel.schema_id].data.decode("utf-8")
+            kept = channels.setdefault(channel.topic, _Channel(kind, definition))
+            kept.numbers.add(number)
+        for block in counted:
+            for number, found in block.items():
+                channels[source.channels[number].topic].add(*found)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
     except (McapError, struct.error, ValueError, KeyError) as error:
         raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
+    metadata = source.texts
     run = Run(file, metadata, channels)
     run.incomplete = _disagreement(run, declared)
     return run.only(connector) if connector else run
+
+
+def _counted(block: Block) -> dict[int, _Counted]:
+    """How many messages a block has of each channel, and their first and last log time."""
+    numbers, first, counts = np.unique(block.channel, return_index=True, return_counts=True)
+    _, last = np.unique(block.channel[::-1], return_index=True)
+    times = block.log_time
+    return {
+        int(number): (int(n), int(times[a]), int(times[len(block) - 1 - b]))
+        for number, a, b, n in zip(numbers, first, last, counts, strict=True)
+    }
+
+
+def _blocks(file: Path) -> Iterator[Block]:
+    try:
+        with file.open("rb") as stream:
+            yield from Source(stream, file.stat().st_size).blocks()
+    except OSError as error:
+        raise RecordingError(f"{file}: {error.strerror or error}") from error
 
 
 def _check_ends(file: Path, stream: IO[bytes]) -> None:
