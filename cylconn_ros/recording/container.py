@@ -59,7 +59,8 @@ class Container:
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
+        self._chunks: list[bytes | bytearray] = []  # their index, as it will stand in the file
+        self._times = (1 << 64) - 1, 0  # first and last log time, ns
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
@@ -140,7 +141,9 @@ class Container:
             uncompressed_size=len(records),
         )
         self._write(parts)
-        self._chunks.append(found)
+        self._chunks += _bytes([found])
+        first, last = self._times
+        self._times = min(first, start), max(last, end)
         for channel, entries in index.items():
             count = len(entries) // INDEX_ENTRY.size
             self._counts[channel] = self._counts.get(channel, 0) + count
@@ -151,14 +154,14 @@ class Container:
         summary = bytearray()
         offsets: list[SummaryOffset] = []
         for code, records in (
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.SCHEMA, _bytes(self._schemas)),
+            (Opcode.CHANNEL, _bytes(self._channels)),
+            (Opcode.STATISTICS, _bytes([self._statistics()])),
             (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata),
+            (Opcode.METADATA_INDEX, _bytes(self._metadata)),
         ):
             at = begin + len(summary)
-            for data in _bytes(records):
+            for data in records:
                 summary += data
             length = begin + len(summary) - at
             if length:
@@ -191,8 +194,8 @@ class Container:
             channel_message_counts=self._counts,
             chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
-            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            message_end_time=self._times[1],
+            message_start_time=self._times[0] if self._chunks else 0,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )

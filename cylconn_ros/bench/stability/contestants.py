@@ -11,7 +11,7 @@ from cylconn_ros.bench.errors import LeftOutError
 from cylconn_ros.bench.methods import available, served_by
 from cylconn_ros.bench.stability.channel import Faults
 from cylconn_ros.bench.stability.hand_written import PenaltyNode
-from cylconn_ros.bench.stability.loop import Trace, closed
+from cylconn_ros.bench.stability.loop import Trace, closed, loads_of
 from cylconn_ros.bench.timing import Array
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.matching import SampleMatcher
@@ -53,6 +53,7 @@ class Ours:
         self.connector = Connector(scene)
         self.matcher = SampleMatcher(scene)
         self.out: Array = np.zeros(layout.NOUT)
+        self.matcher.sample[layout.LOADS] = loads_of(scene)  # known from the scene, not sent
         self._moving = [k for k, body in enumerate(scene.bodies) if body.kind != "fixed"]
         self._world = scene.world_frame
 

@@ -70,13 +70,18 @@ class _Bodies:
                 *scene.initial_twist(1),
             ]
         )
-        self.loads = np.zeros(12)
+        self.loads = loads_of(scene)
         self.state = self.start.copy()
 
     def step(self, wrench: Array, h: float) -> bool:
         """Move by h; whether the state is still finite."""
         plant.step(self.par, self.state, wrench[:6], wrench[6:], self.loads, h)
         return bool(np.isfinite(self.state).all())
+
+
+def loads_of(scene: Scene) -> Array:
+    """(12,) force and torque that the scene's plant puts on A and B besides gravity."""
+    return np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
 
 
 def _steps(scene: Scene) -> int:
@@ -87,6 +92,7 @@ def _direct(scene: Scene, servant: Servant) -> Trace:
     n, h, bodies = _steps(scene), scene.period, _Bodies(scene)
     states, wrenches = np.zeros((n, layout.NSAMPLE)), np.zeros((n, 12))
     outs, done = np.zeros((n, layout.NOUT)), n
+    states[:, layout.LOADS] = bodies.loads
     for k in range(n):
         states[k, layout.MOTION] = bodies.state
         wrenches[k] = servant.answer(states[k])

@@ -1,0 +1,193 @@
+"""Late, lost, jittered: every scene of the library through a faulty way, in process.
+
+The same run with the latency told, with it measured, and without: violation and energy from
+outside (bench/stability/judge.py), the passivity account as it is published.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylconn_ros.bench.settings import SceneLoader
+from cylconn_ros.bench.stability import judge
+from cylconn_ros.bench.stability.channel import Faults
+from cylconn_ros.bench.stability.contestants import Ours
+from cylconn_ros.bench.stability.loop import Trace, closed, loads_of
+from cylconn_ros.bench.stability.scenes import lasting
+from cylconn_ros.bench.timing import Array
+from cylconn_ros.connector.packing import pack
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout, plant
+
+TOLD, MEASURED, NOT_TOLD = "told", "measured", "not told"
+LATE = (1, 2, 3, 4, 5)
+WITH = 2  # samples late, where something else is wrong as well
+_ONE_BY_ONE = {
+    "10 % lost": Faults(drop=0.1),
+    "30 % jitter": Faults(jitter=0.3),
+    "10 % twice": Faults(duplicate=0.1),
+    "10 % out of order": Faults(reorder=0.1),
+    "clock paused": Faults(pause=True),
+    "clock back 0.3 s": Faults(jump=True),
+    "plant anew": Faults(restart=True),
+    "teleported": Faults(teleport=True),
+}
+_STEPS = (120, 1000)  # of a run, at least and at most
+BOUND = 0.01  # of the energy exchanged, that the passivity account may gain
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One row: what goes wrong, and with which latencies it is run."""
+
+    name: str
+    faults: Faults
+    latencies: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one scene under one fault.
+
+    Attributes
+    ----------
+        finite: everything that was answered and every state.
+        offset (m), angle (rad): worst violation where it counts.
+        energy: the most by which energy exceeds that of the run without faults, over what that run
+            turns over and what the bodies take up before the first wrench acts.
+        passivity: the most by which the published balance exceeds its bound, over the energy
+            exchanged.
+        lowered: largest energy at the end, as ``energy``.
+    """
+
+    finite: bool
+    offset: float = math.inf
+    angle: float = math.inf
+    energy: float = math.inf
+    passivity: float = math.inf
+
+
+def rows() -> list[Fault]:
+    """Every fault, alone; and with late wrenches."""
+    alone = [Fault(name, faults, {TOLD: 0}) for name, faults in _ONE_BY_ONE.items()]
+    late = [Fault(f"{d} late", Faults(late=d), _latencies(d)) for d in LATE]
+    both = [
+        Fault(f"{WITH} late, {name}", dataclasses.replace(faults, late=WITH), _latencies(WITH))
+        for name, faults in _ONE_BY_ONE.items()
+    ]
+    return [*late, *alone, *both]
+
+
+def _latencies(late: int) -> dict[str, int]:
+    return {TOLD: late, MEASURED: -1, NOT_TOLD: 0}
+
+
+class Watched(Ours):
+    """A connector whose published account is watched."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.exceeded = self.exchanged = 0.0
+        self.finite = True
+
+    def receive(self, stamp: int, sample: Array) -> Array:
+        """As any, and look at the answer."""
+        answer = super().receive(stamp, sample)
+        exchanged = float(self.out[layout.ENERGY_EXCHANGED])
+        beyond = float(self.out[layout.PASSIVITY_BALANCE]) - BOUND * exchanged
+        self.exceeded, self.exchanged = max(self.exceeded, beyond), max(self.exchanged, exchanged)
+        self.finite &= bool(np.isfinite(self.out).all())
+        return answer
+
+
+class Prompt:
+    """A scene's run without faults: what others are compared with."""
+
+    def __init__(self, scene: Scene) -> None:
+        steps = min(max(round(1.0 / scene.period), _STEPS[0]), _STEPS[1])
+        self.scene = lasting(scene, steps * scene.period)
+        self._par = pack(scene, plant=True)
+        servant = Watched(self.scene)
+        self.energy = self.energies(closed(self.scene, servant).states)
+        exchanged = float(servant.out[layout.ENERGY_EXCHANGED])
+        self.turnover = float(np.ptp(self.energy)) + exchanged
+
+    def energies(self, states: Array) -> Array:
+        """Kinetic and gravitational energy of (N, 26) states, J."""
+        with np.errstate(all="ignore"):
+            return np.array([plant.energy(self._par, state) for state in states])
+
+    def unheld(self, late: int) -> float:
+        """Energy that the bodies take up while no wrench acts, and in being brought back, J."""
+        state, wrench = _start(self.scene), np.zeros(6)
+        first, begin = state.copy(), plant.energy(self._par, state)
+        for _ in range(late):
+            plant.step(self._par, state, wrench, wrench, loads_of(self.scene), self.scene.period)
+        gained = abs(plant.energy(self._par, state) - begin)
+        for body, at in ((self.scene.body_a, 7), (self.scene.body_b, 20)):
+            if body.kind == "free":
+                change = state[at : at + 3] - first[at : at + 3]
+                gained += 0.5 * body.mass * float(change @ change)
+        return float(gained) * (late + 1) ** 2
+
+
+def _start(scene: Scene) -> Array:
+    return np.array(
+        [
+            *scene.initial_pose(0),
+            *scene.initial_twist(0),
+            *scene.initial_pose(1),
+            *scene.initial_twist(1),
+        ]
+    )
+
+
+def outcome(prompt: Prompt, faults: Faults, latency: int) -> Outcome:
+    """Run a scene through a faulty way and look at it from outside."""
+    scene = dataclasses.replace(prompt.scene, latency=latency)
+    servant = Watched(scene)
+    with np.errstate(all="ignore"):
+        trace = closed(scene, servant, faults)
+        if trace.lost or not servant.finite or not np.isfinite(trace.states).all():
+            return Outcome(False)
+        return _judged(prompt, trace, servant, faults)
+
+
+def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> Outcome:
+    scene = prompt.scene
+    offset, angle = judge.errors(scene, judge.look(scene, trace.states))
+    counts, stretches = judge.settled(scene, trace, offset, angle)
+    energy = prompt.energies(trace.states)
+    scale = max(prompt.turnover + prompt.unheld(faults.late), 1e-9)
+    excess = -math.inf
+    for first, last in stretches:  # what somebody else has put in is nobody's gain here
+        put = energy[first] - prompt.energy[0] if first else 0.0
+        most = float(energy[first:last].max()) - float(prompt.energy.max())
+        excess = max(excess, most - max(put, 0.0))
+    return Outcome(
+        True,
+        float(offset[counts].max(initial=0.0)),
+        float(angle[counts].max(initial=0.0)),
+        excess / scale,
+        servant.exceeded / max(servant.exchanged, scale),
+    )
+
+
+Progress = Callable[[int, int], object]
+Cell = tuple[str, str, str]
+"""Name of a fault, of a scene, and how the latency was known."""
+
+
+def run(names: list[str], load: SceneLoader, progress: Progress) -> Iterator[tuple[Cell, Outcome]]:
+    """Every fault on every scene, answered by what ``auto`` picks where inertia is known."""
+    for done, name in enumerate(names):
+        prompt = Prompt(dataclasses.replace(load(name), method="auto", tolerance=0.0))
+        for row in rows():
+            for told, latency in row.latencies.items():
+                yield (row.name, name, told), outcome(prompt, row.faults, latency)
+        progress(done + 1, len(names))
