@@ -145,8 +145,10 @@ def samples_of(run: Run) -> Recorded:
     known, left_out = False, 0
     why = "the recording begins after the reference configuration, which the laws need"
     exchanged = 0.0
+    history = 0
     for stamp, h, restarted, sample in matched(run, scene):
-        out = answers.pop(stamp, None)
+        history += restarted
+        out = answers.pop((history, stamp), None)
         if out is None or out[layout.STATUS] != layout.OK:
             continue
         fresh = out[layout.DISPLACEMENT] == 0.0 and out[layout.ROTATION] == 0.0
@@ -175,8 +177,21 @@ def samples_of(run: Run) -> Recorded:
     )
 
 
-def _answers(run: Run, state: Table) -> dict[int, Array]:
-    """OUT by stamp."""
+Key = tuple[int, int]
+"""A sample of a run: how many histories were before its own, and its stamp, ns."""
+
+
+def _keys(stamps: NDArray[np.int64]) -> list[Key]:
+    """The samples that messages belong to: a new history begins where stamps go back.
+
+    A zero wrench for samples that have stopped is one nanosecond newer than the last of them.
+    """
+    histories = np.concatenate([[0], np.cumsum(np.diff(stamps) < -1)])[: len(stamps)]
+    return list(zip(histories.tolist(), stamps.tolist(), strict=True))
+
+
+def _answers(run: Run, state: Table) -> dict[Key, Array]:
+    """OUT of every sample."""
     n = len(state)
     out = np.zeros((n, layout.NOUT))
     for name, width in layout.STATE_FIELDS:
@@ -184,12 +199,12 @@ def _answers(run: Run, state: Table) -> dict[int, Array]:
         out[:, at : at + width] = np.asarray(state[name]).reshape(n, width)
     for name, at in _WHOLE.items():
         out[:, at] = state[name]
-    rows = {int(stamp): row for row, stamp in enumerate(state.stamp)}
+    rows = {key: row for row, key in enumerate(_keys(state.stamp))}
     for body, at in zip(_BODIES, (layout.FORCE_A, layout.FORCE_B), strict=True):
         table = run.table(run.topic(f"{body}/wrench"))
         values = vectors(table, ("wrench.force", "wrench.torque"))
-        for stamp, wrench in zip(table.stamp, values, strict=True):
-            row = rows.get(int(stamp))
+        for key, wrench in zip(_keys(table.stamp), values, strict=True):
+            row = rows.get(key)
             if row is not None:
                 out[row, at : at + 6] = wrench
-    return {stamp: out[row] for stamp, row in rows.items()}
+    return {key: out[row] for key, row in rows.items()}

@@ -184,8 +184,8 @@ class Messages:
         dropped = lost["dropped messages"] - links["dropped messages"]
         half = after["incomplete samples"] - before["incomplete samples"]
         row.say(
-            f"{sent} sent in {seconds:g} s ({sent / gone:.0f}/s), {found} answered, {came} wrenches "
-            f"heard; diagnostics: {dropped} messages dropped, {half} samples incomplete",
+            f"{sent} sent in {seconds:g} s ({sent / gone:.0f}/s), {found} answered, {came} wrenches"
+            f" heard; diagnostics: {dropped} messages dropped, {half} samples incomplete",
             sent=sent, answered=found, lost=sent - found, dropped=dropped,
         )  # fmt: skip
         row.check(found == came, "answers that nobody heard")

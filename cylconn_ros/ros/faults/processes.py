@@ -79,7 +79,7 @@ def rows(folder: Path) -> Iterator[tuple[Row, Peer]]:
 
 
 def plant_killed(folder: Path, peer: Peer) -> Row:
-    """kill -9 of the simulator, and another one."""
+    """Kill -9 of the simulator, and another one."""
     row = Row("kill -9 of the plant, started anew", "zero wrench meanwhile, then a new history")
     with _loop(folder, peer) as (watch, _, moving):
         moving.kill()
@@ -130,8 +130,8 @@ def node_paused(folder: Path, peer: Peer) -> Row:
             peer.hear(PAUSE)
         took = watch.runs()
         counts = peer.counts()
-        row.say(f"goes on after {1e3 * took:.0f} ms, "
-                f"{counts['repeated messages']} repeated messages counted", recovery=took)  # fmt: skip
+        again = counts["repeated messages"]
+        row.say(f"goes on after {1e3 * took:.0f} ms, {again} repeated messages", recovery=took)
         row.check(took < float("inf"), "does not go on")
         row.check(counts["restarts"] == counts["incomplete samples"] == 0, "samples were lost")
         row.check(moving.process.poll() is None, "the plant gave up")
@@ -140,7 +140,7 @@ def node_paused(folder: Path, peer: Peer) -> Row:
 
 
 def node_killed(folder: Path, peer: Peer) -> Row:
-    """kill -9 of a node that records, and another one; the plant waits and asks again."""
+    """Kill -9 of a node that records, and another one; the plant waits and asks again."""
     row = Row("kill -9 of the node while it records, started anew",
               f"all but the last {_LAST:g} s is salvaged; the plant goes on")  # fmt: skip
     record = ("record.enabled:=true", f"record.directory:={folder / 'killed'}")

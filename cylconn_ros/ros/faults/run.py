@@ -20,7 +20,6 @@ from cylconn_ros.ros.faults.programs import program
 from cylconn_ros.ros.faults.row import Row, sleeve
 from cylconn_ros.ros.faults.stamps import Stamps, late, misaligned
 
-
 _TILT = [0.0, 0.25881904510252074, 0.0, 0.9659258262890683]  # 30 degrees
 _FAR = {
     "timeout": 5.0,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import random
 from collections import deque
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from cylconn_ros.ros.faults.peer import Array, Peer
+from cylconn_ros.ros.faults.peer import Array, Messages, Peer
 from cylconn_ros.ros.faults.row import Exchange, Row
 
 _PAUSE = 50  # samples that a paused simulator repeats
@@ -25,6 +26,7 @@ class Stamps:
         self.steps = 150 if quick else 1500
         self.exchange = Exchange(peer)
         self._chance = random.Random(9)
+        self._held: Messages = []  # to be sent after the next
 
     def all(self) -> Iterator[Row]:
         """Every fault."""
@@ -49,10 +51,10 @@ class Stamps:
         other = 0
         for _ in range(self.steps):
             ours.ask()
-            first, count = ours.wrench, self.peer.count
+            first, come = ours.wrench, self.peer.count + 2
             for _ in range(2):
                 ours.ask(wait=False)
-            self.peer.until(lambda count=count: self.peer.count >= count + 2, 5.0)
+            self.peer.until(functools.partial(self._came, come), 5.0)
             other += not np.array_equal(first, ours.wrench)
             ours.move()
         after = self.peer.counts()
@@ -61,6 +63,9 @@ class Stamps:
         row.check(again == 2 * self.steps and not other, "not the same again")
         ours.judge(row)
         return row
+
+    def _came(self, count: int) -> bool:
+        return self.peer.count >= count
 
     def _lossy(self, fault: str, way: Callable[[int], None]) -> Row:
         row = self._row(fault)
@@ -84,8 +89,6 @@ class Stamps:
         ours.ask()
         self.peer.send(self._held)
         self._held = []
-
-    _held: list[tuple[str, bytes]] = []
 
     def jitter(self) -> Row:
         """Periods of 0.7 to 1.3 times what the node is told."""
