@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from cylconn_ros.ros import bells
+from cylconn_ros.ros.gaps import Gaps
 
 _IDLE = 0.05  # s between looks whether to end, while nothing is expected
 _LOOK = 0.005  # s between looks whether what is expected has come
@@ -51,11 +52,13 @@ def missing(node: Node) -> str:
 class Entry(NamedTuple):
     """A subscription, made with ``raw=True``, and what takes its messages.
 
-    ``receive`` returns whether the message completed a sample.
+    ``receive`` returns whether the message completed a sample; ``lost`` is told how many messages
+    never came.
     """
 
     subscription: Subscription
     receive: Receive
+    lost: Callable[[int], object] = lambda _: None
 
 
 class _Group:
@@ -65,7 +68,7 @@ class _Group:
         self.bell = bells.Bell([entry.subscription for entry in entries])
         self._streams = [
             (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
-             entry.receive)
+             entry.receive, Gaps(entry.lost))
             for k, entry in enumerate(entries) for handle in (entry.subscription.handle,)
         ]  # fmt: skip
         self._caught = caught
@@ -85,13 +88,19 @@ class _Group:
         expected = self._last is not None and now < self.due
         most = 1 if expected and self._rounds % _THOROUGH else _ALL
         last: int | None = None
-        for k, take, receive in self._streams:
+        for k, take, receive, gaps in self._streams:
             for _ in range(most):
                 taken = take()
                 if taken is None:
                     break
+                data, info = taken
+                number = info["publication_sequence_number"]
+                if number == gaps.expected:
+                    gaps.expected = number + 1
+                else:
+                    gaps.apart(number)
                 try:
-                    if receive(taken[0]):
+                    if receive(data):
                         last = k
                 except Exception as error:
                     self._caught(error)
@@ -121,8 +130,8 @@ class Loop:
     def open(self, groups: Sequence[Sequence[Entry]]) -> None:
         """Take subscriptions over from the node's executor and begin."""
         self._entries = [entry for group in groups for entry in group]
-        for subscription, _ in self._entries:
-            self._node._subscriptions.remove(subscription)
+        for entry in self._entries:
+            self._node._subscriptions.remove(entry.subscription)
         self._groups = [_Group(entries, self._caught) for entries in groups]
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="samples", daemon=True)

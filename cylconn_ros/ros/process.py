@@ -103,6 +103,12 @@ def _spin(executor: Any, node: Served) -> None:
         time.sleep(0.001)  # a callback that always fails shall not take the machine
 
 
+def _ending() -> list[signal.Signals]:
+    """Signals that end a node in order; a closed terminal's too, unless it is ignored (nohup)."""
+    hung_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+    return [signal.SIGINT, signal.SIGTERM, *hung_up]
+
+
 def _serve(node: Node) -> int:
     executor = EventsExecutor()
     executor.add_node(node)
@@ -112,7 +118,7 @@ def _serve(node: Node) -> int:
         if not done.done():
             done.set_result(OK)
 
-    previous = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    previous = {s: signal.signal(s, stop) for s in _ending()}
     gc.collect()
     gc.freeze()  # what exists by now stays: no use in looking through it again and again
     try:

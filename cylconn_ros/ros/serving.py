@@ -137,6 +137,7 @@ class Served:
 
     def report(self, stamp: Time, recorder: Recorder | None) -> DiagnosticArray:
         """What diagnostics say of it, and of the recording where they are to."""
+        self.topics.look_for_types()
         with self._lock:  # what happens meanwhile belongs into the next report
             health = None if self.answering is None else self.answering.health.taken()
         return self._monitor.report(stamp, self.answering, recorder, self.links, health)

@@ -42,6 +42,7 @@ class Topics:
         self._marker_publisher: Any = None
         self._markers: Markers | None = None
         self._drawn = 0.0
+        self._turn = 0
 
     def open_outputs(self, scene: Scene) -> None:
         """Advertise; messages go out only while the node is active."""
@@ -100,7 +101,7 @@ class Topics:
                 **qos.reading(functools.partial(self._incompatible, topic), self._lost),
             )
             self._names[name] = (topic, wanted.type, profile)
-            entries.append(Entry(self._subscriptions[name], receive))
+            entries.append(Entry(self._subscriptions[name], receive, self._overwritten))
         entries.sort(key=lambda entry: not entry.subscription.topic_name.endswith(_FIRST))
         return entries
 
@@ -174,6 +175,21 @@ class Topics:
 
     def _lost(self, count: int) -> None:
         self._links.lost += count
+
+    def _overwritten(self, count: int) -> None:
+        self._links.overwritten += count
+
+    def look_for_types(self) -> None:
+        """Ask the graph who publishes other messages on an input; one input a call, in turns."""
+        if not self._subscriptions:
+            return
+        self._turn = (self._turn + 1) % len(self._subscriptions)
+        topic, kind, _ = self._names[list(self._subscriptions)[self._turn]]
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        others = {info.topic_type for info in publishers} - {kind}
+        self._links.other_types.pop(topic, None)
+        if others:
+            self._links.other_types[topic] = f"{', '.join(sorted(others))}, not {kind}"
 
 
 def _kinds(answering: Answering) -> dict[str, str]:

@@ -76,7 +76,7 @@ def ended(folder: Path, peer: Peer, name: str, end: End) -> Row:
     with program(
         "connector", peer.scene, folder, "record.enabled:=true", f"record.directory:={place}"
     ) as node:
-        peer.meet()
+        peer.meet(node.alive)
         heard = peer.listen()
         exchange = Exchange(peer)
         _stream(exchange, _STREAM)
@@ -110,8 +110,8 @@ def silent(folder: Path, peer: Peer) -> Row:
     """Samples stop."""
     timeout = peer.scene.timeout
     row = Row("samples stop", f"zero wrench {timeout:g} s later, and one only")
-    with program("connector", peer.scene, folder):
-        peer.meet()
+    with program("connector", peer.scene, folder) as node:
+        peer.meet(node.alive)
         exchange = Exchange(peer)
         exchange.run(50)
         heard, begin = peer.listen(), time.monotonic()
@@ -136,7 +136,7 @@ def full(folder: Path, peer: Peer) -> Row:
         "connector", peer.scene, folder, "record.enabled:=true", f"record.directory:={place}",
         "record.compression:=none",
     ) as node:  # fmt: skip
-        peer.meet()
+        peer.meet(node.alive)
         resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (_FULL, _FULL))
         exchange = Exchange(peer)
         exchange.run(1500)

@@ -176,8 +176,8 @@ class Peer:
             self.take(min(round(left * 1e9), 50_000_000))
         return True
 
-    def meet(self, patience: float = MEETING) -> None:
-        """Wait until a node is connected on all topics; RuntimeError where none is."""
+    def meet(self, alive: Callable[[], bool] = lambda: True) -> None:
+        """Wait until a node is connected on all topics; RuntimeError where it ends before."""
         publishers = list(self._publishers.values())
         wrenches = [f"{self._space}/{BODIES[k]}/wrench" for k in self.moving]
 
@@ -186,10 +186,10 @@ class Peer:
                 self.node.count_publishers(name) for name in wrenches
             )
 
-        end = time.monotonic() + patience
+        end = time.monotonic() + MEETING
         while not met():
-            if time.monotonic() > end:
-                raise RuntimeError(f"no connector appeared within {patience:g} s")
+            if time.monotonic() > end or not alive():
+                raise RuntimeError("no connector appeared")
             time.sleep(0.02)
         self.hear(_SETTLING)
 

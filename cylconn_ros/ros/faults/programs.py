@@ -44,6 +44,10 @@ class Program:
         """Everything that it has printed."""
         return self.log.read_text(errors="replace")
 
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self.process.poll() is None
+
     def signal(self, number: int) -> None:
         """Send it a signal."""
         self.process.send_signal(number)

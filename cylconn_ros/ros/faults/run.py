@@ -57,7 +57,7 @@ def _served(folder: Path, scene: Scene) -> Iterator[Peer]:
     with program("connector", scene, folder) as node:
         peer = Peer(scene)
         try:
-            peer.meet()
+            peer.meet(node.alive)
             yield peer
         except Exception as error:
             raise RuntimeError(f"{error}; the node said last: {node.said[-300:]}") from error

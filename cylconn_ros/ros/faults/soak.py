@@ -97,7 +97,7 @@ def main() -> int:
     rules = ("record.enabled:=true", f"record.directory:={folder / 'runs'}", "timeout:=5.0")
     with program("connector", SCENE, folder, *rules) as node:
         peer = Peer(SCENE)
-        peer.meet()
+        peer.meet(node.alive)
         found = drive(peer, node, samples)
         found["counted"] = peer.counts("samples")
         found["recorded"] = peer.counts("recording")
