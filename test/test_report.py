@@ -85,7 +85,29 @@ def made_up(count: int) -> gather.Gathered:
     fixed = np.array([[0.0, 0.0, 0.0, 1.0]])
     geometry = gather.Geometry(fixed[:, :3], fixed, None, 0.02, 0.1, (np.nan, 1.0), (0.0, 0.0, 1.0))
     none = np.zeros(count, bool)
-    return gather.Gathered(np.arange(count) * 1e-3, 0, States(fields, 0.02, 1.0), geometry, none)
+    states = States(fields, 0.02, 1.0)
+    return gather.Gathered(
+        np.arange(count) * 1e-3, 0, none, lambda _: in_pieces(states), lambda _: geometry, 0.02
+    )
+
+
+def in_pieces(states: States) -> Iterator[States]:
+    """States as a file gives them: some at a time."""
+    count = len(states("regime"))
+    for at in range(0, count, 997):
+        fields = {name: values[at : at + 997] for name, values in states.fields.items()}
+        yield States(fields, states.radius, states.preload)
+
+
+def states_of(found: gather.Gathered) -> States:
+    pieces = list(found.pieces(None))
+    names = pieces[0].fields
+    fields = {n: np.concatenate([piece.fields[n] for piece in pieces]) for n in names}
+    return States(fields, pieces[0].radius, pieces[0].preload)
+
+
+def geometry_of(found: gather.Gathered) -> gather.Geometry:
+    return found.geometry_at(np.arange(len(found.time)))
 
 
 # What is kept of the numbers
@@ -168,7 +190,7 @@ def test_a_million_samples_keep_every_extreme_in_a_small_page() -> None:
     ):
         low, high = packed.curve(panel, label)
         assert len(low) == len(high) == payload.BUCKETS
-        values = found.states(name, component)
+        values = states_of(found)(name, component)
         np.testing.assert_array_equal(
             low, np.minimum.reduceat(values, decimate.starts(10**6, payload.BUCKETS)).astype("f4")
         )
@@ -183,7 +205,7 @@ def test_a_million_samples_keep_every_extreme_in_a_small_page() -> None:
 
 def test_the_3d_view_knows_where_the_bodies_are(run: Run) -> None:
     found = gather.gather(run)
-    geometry = found.geometry
+    geometry = geometry_of(found)
     state = run.state
     slot = gather.rotate(geometry.axes, np.array([1.0, 0.0, 0.0]))
     node_b = geometry.origin + state["length"][:, None] * slot
@@ -200,10 +222,11 @@ def test_poses_are_found_under_other_names_and_types(tmp_path: Path) -> None:
     options += ["--set", "input=odometry", "--set", "body_b.frame=sleeve"]
     assert main(["replay", str(tmp_path / "bag"), *options, "-o", str(tmp_path / "run")]) == 0
     found = gather.gather(read_run(tmp_path / "run"))
-    centre = found.geometry.centre
+    geometry = geometry_of(found)
+    centre = geometry.centre
     assert centre is not None
-    slot = gather.rotate(found.geometry.axes, np.array([1.0, 0.0, 0.0]))
-    node_b = found.geometry.origin + np.asarray(found.states("length"))[:, None] * slot
+    slot = gather.rotate(geometry.axes, np.array([1.0, 0.0, 0.0]))
+    node_b = geometry.origin + np.asarray(states_of(found)("length"))[:, None] * slot
     apart = np.linalg.norm(centre - node_b, axis=1)
     np.testing.assert_allclose(apart, np.hypot(1.2e-3, np.hypot(1.8e-3, 1.0e-3)), rtol=1e-3)
 
@@ -218,7 +241,7 @@ def test_stops_of_a_real_recording_are_shown() -> None:
     assert packed.head["geometry"]["stops"] == [0.0, 0.1]
 
 
-def test_what_is_wrong_with_the_samples_is_said(run: Run) -> None:
+def test_what_is_wrong_with_the_samples_is_said(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     state = run.state
     columns = dict(state.columns)
     nanosec = columns["header.stamp.nanosec"].copy()
@@ -230,8 +253,9 @@ def test_what_is_wrong_with_the_samples_is_said(run: Run) -> None:
     table = type(state)(state.topic, state.type, keep, keep, columns, 3)
     broken = Run(run.path, run.metadata, {}, "the end is missing")
     broken.types = {state.topic: state.type}
-    broken._tables = {state.topic: table}
+    monkeypatch.setattr(broken, "pieces", lambda *_, only=None: iter([table]))
     found = gather.gather(broken)
+    head, numbers = payload.build(found)
     said = " ".join(found.notes)
     assert "not whole: the end is missing" in said
     assert "could not be decoded: states 3." in said
@@ -239,7 +263,6 @@ def test_what_is_wrong_with_the_samples_is_said(run: Run) -> None:
     assert "Gaps without samples: 1, 0.051 s" in said
     assert "not finite, left blank there: 1." in said
     assert np.flatnonzero(found.gaps).tolist() == [99]
-    head, numbers = payload.build(found)
     (normal,) = Packed(head, numbers).curve("normal", "FN")
     assert np.flatnonzero(np.isnan(normal)).tolist() == [59]
 
@@ -256,7 +279,7 @@ def test_every_field_of_a_panel_is_in_the_message() -> None:
     found = made_up(10)
     for panel in PANELS:
         for curve in panel.curves:
-            assert curve.values(found.states).shape == (10,), f"{panel.title}: {curve.label}"
+            assert curve.values(states_of(found)).shape == (10,), f"{panel.title}: {curve.label}"
 
 
 def test_what_a_run_says_of_itself_is_text_and_no_markup() -> None:

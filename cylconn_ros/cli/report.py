@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.cli.results import Results, reduce_states
+from cylconn_ros.cli.results import FIELDS, Reduction, Results
 from cylconn_ros.recording.reader import Run, read_run
 from cylconn_ros.report import gather, page, payload
 from cylconn_ros.report.page import Fact
@@ -47,13 +47,13 @@ def run(options: argparse.Namespace) -> int:
     if output.suffix not in (".html", ".htm"):
         raise CommandError(f"{output}: a page ends in .html")
     found = gather.gather(recorded, options.start, options.end)
-    results = reduce_states(found.time, found.states.fields)
+    results = _reduced(found)
     head, numbers = payload.build(found)
     text = page.render(
         title=options.title or name,
         facts=facts(results, recorded),
         notes=found.notes,
-        sources=sources(recorded, found.start_ns),
+        sources=sources(recorded, found),
         parameters=recorded.metadata.get("parameters", ""),
         head=head,
         numbers=numbers,
@@ -66,7 +66,17 @@ def run(options: argparse.Namespace) -> int:
     print(f"report      {output}  ({len(text) / 1e6:.1f} MB; {results.samples} samples: {shown})")
     for note in found.notes:
         print(f"note        {note}")
-    return 0 if recorded.incomplete is None and not recorded.state.undecodable else 1
+    return 0 if recorded.incomplete is None and not found.undecodable else 1
+
+
+def _reduced(found: gather.Gathered) -> Results:
+    """The results, in one more reading."""
+    reduction, at = Reduction(), 0
+    for states in found.pieces(FIELDS):
+        count = len(states("regime"))
+        reduction.add(found.time[at : at + count], states.fields)
+        at += count
+    return reduction.result()
 
 
 def _read(path: Path, connector: str) -> Run:
@@ -105,10 +115,9 @@ def facts(found: Results, recorded: Run) -> list[Fact]:
     return listed
 
 
-def sources(recorded: Run, start_ns: int) -> list[tuple[str, str]]:
+def sources(recorded: Run, found: gather.Gathered) -> list[tuple[str, str]]:
     """Return what a run was made with."""
-    state = recorded.state
-    methods = ", ".join(dict.fromkeys(state["method"])) if len(state) else ""
+    methods = ", ".join(found.methods)
     listed = [
         ("recording", recorded.path.name),
         ("recorded by", f"cylconn_ros {recorded.version or '(version not recorded)'}"),
@@ -118,8 +127,8 @@ def sources(recorded: Run, start_ns: int) -> list[tuple[str, str]]:
     names = ("period", "friction.coefficient", "friction.radius", "friction.overlap")
     values = [(name, recorded.parameters.get(name)) for name in (*names, "friction.preload")]
     listed += [(name, str(value)) for name, value in values if value is not None]
-    if start_ns > _CLOCK_NS:
-        when = datetime.datetime.fromtimestamp(start_ns / 1e9, datetime.timezone.utc)
+    if found.start_ns > _CLOCK_NS:
+        when = datetime.datetime.fromtimestamp(found.start_ns / 1e9, datetime.timezone.utc)
         listed.append(("first sample", f"{when:%Y-%m-%d %H:%M:%S} UTC"))
     counts = ", ".join(f"{topic} {count}" for topic, count in sorted(recorded.counts.items()))
     listed.append(("messages", counts))

@@ -7,7 +7,7 @@ schema and all others of that shape are read as strided views: no Python per mes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -123,9 +123,16 @@ def columns(
 
 
 def of_block(
-    schema: Schema, type_name: str, block: Block, which: npt.NDArray[np.intp] | None = None
+    schema: Schema,
+    type_name: str,
+    block: Block,
+    which: npt.NDArray[np.intp] | None = None,
+    only: Collection[str] | None = None,
 ) -> tuple[dict[str, npt.NDArray[Any]], npt.NDArray[np.bool_]]:
-    """Decode messages ``which`` (n,) of a block, by default all, as :func:`columns` does."""
+    """Decode messages ``which`` (n,) of a block, by default all, as :func:`columns` does.
+
+    ``only``: the fields that are wanted; by default all.
+    """
     which = np.arange(len(block)) if which is None else which
     good = np.zeros(len(which), dtype=bool)
     sizes = block.size[which]
@@ -136,7 +143,7 @@ def of_block(
         rows = np.flatnonzero(sizes == size)
         table = block.rows(which[rows], size)
         while len(rows):
-            same, part = _one_shape(schema, type_name, table)
+            same, part = _one_shape(schema, type_name, table, only)
             if part is not None:
                 parts.append((rows[same], part))
                 good[rows[same]] = True
@@ -145,7 +152,7 @@ def of_block(
 
 
 def _one_shape(
-    schema: Schema, type_name: str, table: npt.NDArray[np.uint8]
+    schema: Schema, type_name: str, table: npt.NDArray[np.uint8], only: Collection[str] | None
 ) -> tuple[npt.NDArray[np.bool_], dict[str, npt.NDArray[Any]] | None]:
     """Decode all rows shaped like the first one; the mask says which those are."""
     first = table[0].tobytes()
@@ -165,12 +172,16 @@ def _one_shape(
     rows = table[same]
     part: dict[str, npt.NDArray[Any]] = {}
     for name, (offset, code, count) in layout.leaves.items():
+        if only is not None and name not in only:
+            continue
         width = np.dtype(code).itemsize * (1 if count is None else count)
         block = np.ascontiguousarray(rows[:, offset : offset + width])
         values = block.view(code) if width else np.empty((len(rows), 0), code)
         values = values.astype(np.dtype(code).newbyteorder("="))
         part[name] = values[:, 0] if count is None else values
     for name, place in layout.strings.items():
+        if only is not None and name not in only:
+            continue
         if isinstance(place, tuple):
             part[name] = _texts(rows, *place)
         else:

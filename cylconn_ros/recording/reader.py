@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -139,8 +139,10 @@ class Run:
                 if number in numbers:
                     yield log_time, publish_time, data
 
-    def pieces(self, *topics: str) -> Iterator[Table]:
+    def pieces(self, *topics: str, only: Collection[str] | None = None) -> Iterator[Table]:
         """Topics decoded as the file is read: tables of some messages, in the order of the file.
+
+        ``only``: the fields that are wanted; by default all.
 
         Raises RecordingError for a topic that is unknown or whose type has no columns.
         """
@@ -152,7 +154,7 @@ class Run:
                 if not len(which):
                     continue
                 try:
-                    found, good = of_block(*schemas[topic], block, which)
+                    found, good = of_block(*schemas[topic], block, which, only)
                 except RecordingError as error:
                     raise RecordingError(f"{topic} ({channel.type}): {error}") from None
                 log_time = block.log_time[which][good].astype(np.int64)

@@ -41,6 +41,50 @@ def union(bits: Array, first: Array) -> Array:
     return np.bitwise_or.reduceat(bits, first)
 
 
+class Extremes:
+    """:func:`extremes` of values that come piece by piece.
+
+    Attributes
+    ----------
+        low, high: (m,) so far; NaN where a bucket has no finite value.
+    """
+
+    def __init__(self, first: Array) -> None:
+        """``first``: (m,) first rows of the buckets."""
+        self._first, self._at = first, 0
+        self.low, self.high = np.full((2, len(first)), np.nan)
+
+    def add(self, values: Array) -> None:
+        """Take the next (n,) values."""
+        which, first = _touched(self._first, self._at, len(values))
+        low, high = extremes(values, first)
+        self.low[which] = np.fmin(self.low[which], low)
+        self.high[which] = np.fmax(self.high[which], high)
+        self._at += len(values)
+
+
+class Union:
+    """:func:`union` of bits that come piece by piece; ``bits`` (m,) so far."""
+
+    def __init__(self, first: Array) -> None:
+        """``first``: (m,) first rows of the buckets."""
+        self._first, self._at = first, 0
+        self.bits = np.zeros(len(first), np.int64)
+
+    def add(self, bits: Array) -> None:
+        """Take the next (n,) bits."""
+        which, first = _touched(self._first, self._at, len(bits))
+        self.bits[which] |= union(bits, first)
+        self._at += len(bits)
+
+
+def _touched(first: Array, start: int, count: int) -> tuple[slice, Array]:
+    """The buckets that rows from ``start`` on belong to, and their first rows among these."""
+    begin = int(np.searchsorted(first, start, "right")) - 1
+    end = int(np.searchsorted(first, start + count, "left"))
+    return slice(begin, end), np.maximum(first[begin:end] - start, 0)
+
+
 def telling_rows(columns: Iterable[Array], first: Array, count: int) -> npt.NDArray[np.intp]:
     """Rows that stand for their buckets where whole samples are needed, as for a path in a plane.
 

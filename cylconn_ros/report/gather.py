@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.recording.reader import Run, Table
+from cylconn_ros.recording.reader import Run
 from cylconn_ros.report.panels import States
 
 Array = npt.NDArray[Any]
 _POSES = {"geometry_msgs/msg/PoseStamped": "pose", "nav_msgs/msg/Odometry": "pose.pose"}
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _GAP = 5.0  # median periods without a sample
 
 
@@ -33,13 +35,26 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Gathered:
-    """Samples of a run in order of time."""
+    """Samples of a run in order of time; their states stay in the file until they are asked for.
 
-    time: Array  # (n,) s since the first sample
-    start_ns: int  # stamp of the first sample
-    states: States
-    geometry: Geometry
-    gaps: Array  # (n,) bool: samples are missing before this one
+    Attributes
+    ----------
+        time: (n,) s since the first sample. start_ns: its stamp.
+        gaps: (n,) bool, samples are missing before this one.
+        pieces: gives the states, one lot after the other; only some fields, if they are named.
+        geometry_at: what the 3-D view needs at some of the samples, by their numbers.
+        radius: of the states. methods: that answered. undecodable: states left out as such.
+        notes: what has to be said of the run.
+    """
+
+    time: Array
+    start_ns: int
+    gaps: Array
+    pieces: Callable[[Collection[str] | None], Iterator[States]]
+    geometry_at: Callable[[Array], Geometry]
+    radius: float = math.nan
+    methods: tuple[str, ...] = ()
+    undecodable: int = 0
     notes: list[str] = field(default_factory=list)
 
 
@@ -48,33 +63,29 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
 
     Raises RecordingError where the run has no states, or none in between.
     """
-    table = run.state
-    if not len(table):
+    topic = run.state_topic
+    undecodable, stamps, methods = 0, [np.zeros(0, np.int64)], dict[str, None]()
+    for piece in run.pieces(topic, only=(*_STAMP, "method")):
+        undecodable += piece.undecodable
+        if len(piece):
+            stamps.append(piece.stamp)
+            methods |= dict.fromkeys(piece["method"])
+    stamp = np.concatenate(stamps)
+    if not len(stamp):
         raise RecordingError(f"{run.path}: no state was recorded")
     notes = [f"The recording is not whole: {run.incomplete}."] if run.incomplete else []
-    if table.undecodable:
-        notes.append(f"Left out, as they could not be decoded: states {table.undecodable}.")
-    rows, time = _in_order(table, notes)
+    if undecodable:
+        notes.append(f"Left out, as they could not be decoded: states {undecodable}.")
+    rows, time = _in_order(stamp, notes)
     within = (time >= start) & (time <= end)
     if not within.any():
         raise RecordingError(
             f"{run.path}: no sample between {start:g} and {end:g} s; it has 0 to {time[-1]:.6g} s"
         )
+    if not within.all():
+        shown = time[within]
+        notes.append(f"Only {shown[0]:.6g} to {shown[-1]:.6g} s of {time[-1]:.6g} s.")
     rows, time = rows[within], time[within]
-    if len(time) < len(within):
-        notes.append(f"Only {time[0]:.6g} to {time[-1]:.6g} s of {table.time.max():.6g} s.")
-    # Of a long run without gaps in the order: views, not a second copy.
-    whole = int(rows[-1] - rows[0]) + 1 == len(rows)
-    taken = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
-    fields = {
-        name: values[taken] for name, values in table.columns.items() if values.dtype != object
-    }
-    bad = sum(
-        not bool(np.isfinite(v).all(axis=tuple(range(1, v.ndim))).all()) for v in fields.values()
-    )
-    if bad:
-        notes.append(f"Fields with values that are not finite, left blank there: {bad}.")
-    states = States(fields, _number(run, "friction.radius"), _number(run, "friction.preload"))
     step = np.diff(time, prepend=time[0])
     gaps = step > _GAP * max(float(np.median(step[1:])) if len(step) > 1 else 0.0, 1e-9)
     if gaps.any():
@@ -82,14 +93,31 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
             f"Gaps without samples: {int(gaps.sum())}, {step[gaps].sum():.6g} s in all; "
             "curves are interrupted there."
         )
-    stamp = table.stamp[rows]
-    geometry = _geometry(run, states, stamp, notes)
-    return Gathered(time, int(stamp[0]), states, geometry, gaps, notes)
+    stamp = stamp[rows]
+    radius, preload = _number(run, "friction.radius"), _number(run, "friction.preload")
+
+    def pieces(only: Collection[str] | None = None) -> Iterator[States]:
+        at = 0
+        for piece in run.pieces(topic, only=only):
+            begin, stop = np.searchsorted(rows, (at, at + len(piece)))
+            taken = rows[begin:stop] - at
+            at += len(piece)
+            if len(taken):
+                fields = {n: v[taken] for n, v in piece.columns.items() if v.dtype != object}
+                yield States(fields, radius, preload)
+
+    def geometry_at(which: Array) -> Geometry:
+        return _geometry(run, radius, stamp[which])
+
+    if run.parameters.get("body_a.kind", "") != "fixed" and _pose_topic(run, "body_a") is None:
+        notes.append("The pose of body A was not recorded: the 3-D view shows it at rest.")
+    return Gathered(
+        time, int(stamp[0]), gaps, pieces, geometry_at, radius, tuple(methods), undecodable, notes
+    )
 
 
-def _in_order(table: Table, notes: list[str]) -> tuple[Array, Array]:
+def _in_order(stamp: Array, notes: list[str]) -> tuple[Array, Array]:
     """Rows whose stamps go up, and their times; the others are counted."""
-    stamp = table.stamp
     latest = np.maximum.accumulate(stamp)
     rows = np.flatnonzero(np.concatenate(([True], stamp[1:] > latest[:-1])))
     left = len(stamp) - len(rows)
@@ -108,13 +136,11 @@ def _vector(run: Run, name: str, default: tuple[float, ...]) -> Array:
     return np.array(value if len(value) == len(default) else default, dtype=np.float64)
 
 
-def _geometry(run: Run, states: States, stamp: Array, notes: list[str]) -> Geometry:
+def _geometry(run: Run, radius: float, stamp: Array) -> Geometry:
     identity = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     pose_a = _pose(run, "body_a", stamp)
     if pose_a is None:
         pose_a = _vector(run, "body_a.pose", identity)[None, :]
-        if run.parameters.get("body_a.kind", "") != "fixed":
-            notes.append("The pose of body A was not recorded: the 3-D view shows it at rest.")
     at = _vector(run, "node_a.position", (0.0, 0.0, 0.0))
     turned = _vector(run, "node_a.orientation", (0.0, 0.0, 0.0, 1.0))
     gravity = _vector(run, "gravity", (0.0, 0.0, -9.81))
@@ -125,7 +151,7 @@ def _geometry(run: Run, states: States, stamp: Array, notes: list[str]) -> Geome
     if pose_b is not None:
         com = _vector(run, "body_b.com", (0.0, 0.0, 0.0))
         centre = pose_b[:, :3] + rotate(pose_b[:, 3:], com)
-    radius = states.radius if states.radius > 0.0 else 0.02
+    radius = radius if radius > 0.0 else 0.02
     overlap = _number(run, "friction.overlap", 0.0)
     return Geometry(
         origin=pose_a[:, :3] + rotate(pose_a[:, 3:], at),
@@ -138,31 +164,46 @@ def _geometry(run: Run, states: States, stamp: Array, notes: list[str]) -> Geome
     )
 
 
-def _pose(run: Run, body: str, stamp: Array) -> Array | None:
-    """Pose of a body at each stamp, (n, 7), from the message nearest in time; None if unknown.
+def _pose_topic(run: Run, body: str) -> str | None:
+    """Topic of a body's poses.
 
-    Found by the topic's name; where topics were renamed, the only one with poses is that of the
-    only body that moves.
+    Found by its name; where topics were renamed, the only one with poses is that of the only body
+    that moves.
     """
     moving = [b for b in ("body_a", "body_b") if run.parameters.get(f"{b}.kind") != "fixed"]
-    topics = [topic for topic, kind in run.types.items() if kind in _POSES]
+    topics = [t for t, kind in run.types.items() if kind in _POSES and run.counts[t]]
     named = [t for t in topics if f"/{body}/" in f"/{t}"]
     found = named if named else (topics if moving == [body] else [])
-    if len(found) != 1:
+    return found[0] if len(found) == 1 else None
+
+
+def _pose(run: Run, body: str, stamp: Array) -> Array | None:
+    """Pose of a body at each stamp, (n, 7), from the message nearest in time; None if unknown."""
+    topic = _pose_topic(run, body)
+    if topic is None:
         return None
-    table = run.table(found[0])
-    if not len(table):
-        return None
-    prefix = _POSES[table.type]
+    prefix = _POSES[run.types[topic]]
     names = [f"{prefix}.position.{c}" for c in "xyz"]
     names += [f"{prefix}.orientation.{c}" for c in "xyzw"]
-    order = np.argsort(table.stamp, kind="stable")
-    known = table.stamp[order]
+    stamps = [piece.stamp for piece in run.pieces(topic, only=_STAMP) if len(piece)]
+    if not stamps:
+        return None
+    known = np.concatenate(stamps)
+    order = np.argsort(known, kind="stable")
+    known = known[order]
     after = np.clip(np.searchsorted(known, stamp), 1, max(len(known) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(known) - 1)
     nearer = np.where(stamp - known[before] <= known[after] - stamp, before, after)
-    return np.stack([np.asarray(table[name], float)[order][nearer] for name in names], axis=1)
+    wanted, where = np.unique(order[nearer], return_inverse=True)
+    poses, at = np.empty((len(wanted), 7)), 0
+    for piece in run.pieces(topic, only=names):
+        begin, stop = np.searchsorted(wanted, (at, at + len(piece)))
+        taken = wanted[begin:stop] - at
+        at += len(piece)
+        for k, name in enumerate(names if len(taken) else ()):
+            poses[begin:stop, k] = piece[name][taken]
+    return poses[where]
 
 
 def rotate(q: Array, vector: Array) -> Array:

@@ -202,17 +202,23 @@ PANELS = (
 )
 
 
-def chosen(states: States) -> tuple[list[Panel], list[str]]:
+def chosen(
+    radius: float, tells: Callable[[Curve], bool], constant: bool
+) -> tuple[list[Panel], list[str]]:
     """Panels and curves that have something to show, and the titles of those that have not.
 
     A curve that is zero throughout is left out, a panel with none left too.
+
+    Args:
+        radius: of the states. tells: whether a curve is not zero throughout, nor without values.
+        constant: whether the coefficient of friction never changes.
     """
     panels, empty = [], []
     for panel in PANELS:
-        if panel.key == ("rate" if math.isfinite(states.radius) else ""):
+        if panel.key == ("rate" if math.isfinite(radius) else ""):
             continue  # the spin is in the slip velocity
-        curves = tuple(curve for curve in panel.curves if _tells(curve, states))
-        if panel.key == "coefficient" and _constant(states):
+        curves = tuple(curve for curve in panel.curves if tells(curve))
+        if panel.key == "coefficient" and constant:
             continue  # said among the parameters
         if panel.key == "speed" and len(curves) == 1:
             panel = replace(panel, title="Speed in the slot")
@@ -223,16 +229,3 @@ def chosen(states: States) -> tuple[list[Panel], list[str]]:
         else:
             empty.append(panel.title)
     return panels, empty
-
-
-def _tells(curve: Curve, states: States) -> bool:
-    values = (curve.shows or curve.values)(states)
-    finite = values[np.isfinite(values)]
-    return bool(len(finite)) and (curve.always or bool(np.any(finite != 0.0)))
-
-
-def _constant(states: States) -> bool:
-    """Whether the coefficient of friction never changes, but for samples that were refused."""
-    mu = states("friction_coefficient")[states("status") == 0.0]
-    finite = mu[np.isfinite(mu)]
-    return not len(finite) or bool(np.ptp(finite) <= 1e-9 * np.abs(finite).max())
