@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,7 @@ from cylconn_ros.connector.matching import STREAMS, into_world, into_world_all
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
-from cylconn_ros.recording import blocks
+from cylconn_ros.recording import blocks, index
 from cylconn_ros.recording.bag import Bag, Message, Topics
 from cylconn_ros.recording.blocks import Block, Found
 from cylconn_ros.ros import alike, stretches
@@ -50,6 +52,7 @@ class Pieces:
     def __init__(self, messages: list[tuple[str, bytes]], sizes: list[int]) -> None:
         self.path, self.types = Path("pieces"), TOPICS
         self.texts: dict[str, str] = {}
+        self.names: dict[str, str] = {}
         self.found = [
             Found(NUMBERS[topic], 10**18 + k, 7, data) for k, (topic, data) in enumerate(messages)
         ]
@@ -274,6 +277,30 @@ def test_much_that_is_amiss_is_not_tried_again_and_again(monkeypatch: pytest.Mon
     events = [(step, "lost", 1) for step in range(1, STEPS, 2)]
     check(Pieces(stream(UNEVEN, events), [10**6]), UNEVEN)
     assert 2 <= len(calls) <= 10
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.sampled_from([3, 5, 5, 5, 99]), st.integers(0, 60)), max_size=90),
+       st.integers(-9, 40))  # fmt: skip
+def test_records_of_a_chunk_compiled_and_not(records: list[tuple[int, int]], cut: int) -> None:
+    """Both see the same messages, or that the chunk is broken."""
+    raw = b"".join(
+        struct.pack("<BQ", code, size) + bytes((7 * k + j) % 256 for j in range(size))
+        for k, (code, size) in enumerate(records)
+    )
+    raw = raw[: len(raw) - cut] if cut > 0 else raw
+    found = []
+    for fill in (
+        functools.partial(index.fill, np.frombuffer(raw, np.uint8),
+                          blocks.of_messages([Found(0, 0, 0, raw)]).unaligned("<u8")),
+        functools.partial(blocks._index_plainly, raw),
+    ):  # fmt: skip
+        longs, places, others = (np.zeros((n, len(raw) + 1), k) for n, k in
+                                 ((3, np.uint64), (2, np.int64), (2, np.int64)))  # fmt: skip
+        count, more = fill(longs, places, others)
+        found.append((count, max(more, 0) if count >= 0 else 0, longs[:, : max(count, 0)].tolist(),
+                      places[:, : max(count, 0)].tolist()))  # fmt: skip
+    assert found[0] == found[1]
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=13, max_size=13))

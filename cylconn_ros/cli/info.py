@@ -10,15 +10,20 @@ import argparse
 import math
 import shutil
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.results import REGIMES, Results, reduce_states
+from cylconn_ros.cli.results import FIELDS, REGIMES, Reduction, Results
 from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.recording.reader import Run, Table, read_run
+from cylconn_ros.recording.reader import STAMP, Run, read_run
 from cylconn_ros.report.sparkline import BLOCKS, PLAIN, sparkline, strip
+
+Array = npt.NDArray[Any]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,12 +60,11 @@ def _topics(recorded: Run) -> list[str]:
 
 
 def _undecodable(recorded: Run) -> dict[str, int]:
-    counts = {}
-    for topic in recorded.types:
-        try:
-            counts[topic] = recorded.table(topic).undecodable
-        except RecordingError:  # a type without columns
-            continue
+    """Messages that are not what their type says, by topic; types without columns are left out."""
+    counts: dict[str, int] = {}
+    topics = [topic for topic in recorded.types if recorded.has_columns(topic)]
+    for piece in recorded.pieces(*topics, only=()):
+        counts[piece.topic] = counts.get(piece.topic, 0) + piece.undecodable
     return {topic: count for topic, count in counts.items() if count}
 
 
@@ -68,16 +72,35 @@ def _states(recorded: Run) -> list[str]:
     if recorded.connectors:
         return _several(recorded)
     try:
-        state = recorded.state
+        found, methods, drawn = _read(recorded)
     except RecordingError as error:
         return [f"no states to judge: {error}"]
-    if not len(state):
+    if found is None:
         return ["no state was recorded"]
-    methods = ", ".join(dict.fromkeys(state["method"]))
     model = recorded.metadata.get("model", "not recorded")
-    found = reduce_states(state.time, state.columns)
-    lines = [f"method      {methods}", f"model       {model}", *describe(found)]
-    return lines + courses(state, width=shutil.get_terminal_size((100, 24)).columns)
+    lines = [f"method      {', '.join(methods)}", f"model       {model}", *describe(found)]
+    return lines + courses(drawn, width=shutil.get_terminal_size((100, 24)).columns)
+
+
+def _read(recorded: Run) -> tuple[Results | None, list[str], dict[str, Array]]:
+    """The results of a run, its methods, and what is drawn of it: in single precision."""
+    topic = recorded.state_topic
+    reduction, methods = Reduction(), dict[str, None]()
+    fields = {field for _, field, *_ in _COURSES} | {"regime"}
+    drawn: dict[str, list[Array]] = {field: [np.zeros(0, np.float32)] for field in fields}
+    begin = None
+    for piece in recorded.pieces(topic, only={*FIELDS, *fields, *STAMP, "method"}):
+        if not len(piece):
+            continue
+        stamp = piece.stamp
+        begin = int(stamp[0]) if begin is None else begin
+        reduction.add(np.asarray((stamp - begin) * 1e-9, np.float64), piece.columns)
+        methods |= dict.fromkeys(piece["method"])
+        for field, parts in drawn.items():
+            values = piece[field]
+            parts.append((values if values.ndim == 1 else values[:, 0]).astype(np.float32))
+    found = None if begin is None else reduction.result()
+    return found, list(methods), {name: np.concatenate(parts) for name, parts in drawn.items()}
 
 
 def _several(recorded: Run) -> list[str]:
@@ -86,9 +109,8 @@ def _several(recorded: Run) -> list[str]:
     width = max(map(len, names))
     lines = [f"{len(names)} connectors; more of one with --connector NAME"]
     for name in names:
-        state = recorded.only(name).state
-        if len(state):
-            found = reduce_states(state.time, state.columns)
+        found, _, _ = _read(recorded.only(name))
+        if found is not None:
             end = f"slide {found.distance:.6g} m, spin {found.turns:.6g} turns at the end"
             worst = f"{found.worst_offset * 1e3:.1e} mm, {found.worst_misalignment * 1e3:.1e} mrad"
             text = f"{found.samples} samples over {found.duration:.6g} s; {end}; at most {worst}"
@@ -99,34 +121,33 @@ def _several(recorded: Run) -> list[str]:
 
 
 _COURSES = (
-    ("slide", "displacement", None, 1.0, "m", False),
-    ("spin", "rotation", None, 0.5 / math.pi, "turns", False),
-    ("slip rate", "slip_rate", None, 1.0, "m/s", False),
-    ("normal", "normal_force", None, 1.0, "N", False),
-    ("limit", "friction_limit", None, 1.0, "N", False),
-    ("traction", "traction", None, 1.0, "N", False),
-    ("force f1", "force", 0, 1.0, "N", False),
-    ("moment m1", "moment", 0, 1.0, "N m", False),
-    ("offset", "offset_violation", None, 1e3, "mm", True),
-    ("misaligned", "angular_violation", None, 1e3, "mrad", True),
-    ("energy", "energy_exchanged", None, 1.0, "J", False),
+    ("slide", "displacement", 1.0, "m", False),
+    ("spin", "rotation", 0.5 / math.pi, "turns", False),
+    ("slip rate", "slip_rate", 1.0, "m/s", False),
+    ("normal", "normal_force", 1.0, "N", False),
+    ("limit", "friction_limit", 1.0, "N", False),
+    ("traction", "traction", 1.0, "N", False),
+    ("force f1", "force", 1.0, "N", False),
+    ("moment m1", "moment", 1.0, "N m", False),
+    ("offset", "offset_violation", 1e3, "mm", True),
+    ("misaligned", "angular_violation", 1e3, "mrad", True),
+    ("energy", "energy_exchanged", 1.0, "J", False),
 )
-"""Name, field and component of ConnectorState, factor, unit, whether by powers of ten."""
+"""Name, field of ConnectorState (its first component), factor, unit, whether by powers of ten."""
 
 _RANGE_WIDTH = 36  # of the smallest and largest value and the unit, behind a line
 
 
-def courses(state: Table, width: int) -> list[str]:
+def courses(state: Mapping[str, Array], width: int) -> list[str]:
     """Draw how the run went, a line a quantity that was not zero throughout."""
     blocks = _can_print(BLOCKS)
     width = min(max(width - 12 - _RANGE_WIDTH, 10), 60)
     marks = ".█░" if blocks else ".#~"
     named = [f"{marks[k]} {REGIMES[k]}" for k in range(3) if np.any(state["regime"] == k)]
     lines = [f"regime      {strip(state['regime'], marks, width)}  {', '.join(named)}"]
-    for name, field, component, factor, unit, log in _COURSES:
+    for name, field, factor, unit, log in _COURSES:
         values = np.asarray(state[field], dtype=np.float64) * factor
         values = np.abs(values) if log else values
-        values = values if component is None else values[:, component]
         finite = values[np.isfinite(values)]
         if not np.any(finite):
             continue

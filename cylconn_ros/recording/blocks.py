@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
-
-from cylconn_ros.core.compiled import COMPILED, entry
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
@@ -21,6 +20,8 @@ _RECORD_HEAD = _RECORD.size
 _LEAST = MESSAGE_HEAD - _RECORD_HEAD  # bytes of a message record behind its length
 _MESSAGE_CODE = int(Opcode.MESSAGE)
 _OTHERS = 64  # records of a chunk that are no messages: more take a second look
+_MUCH = 1 << 25  # bytes: to read more takes longer than to load the compiler
+_read_plainly = 0  # bytes, by this program
 
 Integers = NDArray[np.int64]
 Longs = NDArray[np.uint64]
@@ -118,12 +119,7 @@ def of_chunk(raw: bytes) -> tuple[Block, list[tuple[int, int]]]:
     most, room = len(raw) // MESSAGE_HEAD, _OTHERS
     longs = np.empty((3, most), np.uint64)
     places = np.empty((2, most), np.int64)
-    if COMPILED:
-        codes = np.frombuffer(raw, np.uint8)
-        words = np.ndarray((max(len(raw) - 7, 0),), "<u8", raw, strides=(1,))
-        index = functools.partial(_index, codes, words)
-    else:
-        index = functools.partial(_index_plainly, raw)
+    index = _index_for(raw)
     while True:
         others = np.empty((2, room), np.int64)
         count, more = index(longs, places, others)
@@ -137,39 +133,22 @@ def of_chunk(raw: bytes) -> tuple[Block, list[tuple[int, int]]]:
     return block, [(int(a), int(b)) for a, b in others[:, :more].T]
 
 
-@entry
-def _index(
-    codes: NDArray[np.uint8], words: Longs, longs: Longs, places: Integers, others: Integers
-) -> tuple[int, int]:
-    """Fill channel, log and publish times; start and size; begin and end of other records."""
-    at, end, k, j = 0, codes.shape[0], 0, 0
-    while at < end:
-        if at + 9 > end:
-            return -1, 0
-        long = words[at + 1]
-        if long > end - at - 9:
-            return -1, 0
-        behind = at + 9 + np.int64(long)
-        if codes[at] == _MESSAGE_CODE:
-            if long < 22:
-                return -1, 0
-            longs[0, k] = np.uint64(codes[at + 9]) + np.uint64(256) * np.uint64(codes[at + 10])
-            longs[1, k] = words[at + 15]
-            longs[2, k] = words[at + 23]
-            places[0, k] = at + 31
-            places[1, k] = behind - at - 31
-            k += 1
-        else:
-            if j < others.shape[1]:
-                others[0, j] = at
-                others[1, j] = behind
-            j += 1
-        at = behind
-    return k, j
+def _index_for(raw: bytes) -> Callable[[Longs, Integers, Integers], tuple[int, int]]:
+    """What fills the index of a chunk: compiled where the compiler is at hand, or worth loading."""
+    global _read_plainly
+    if "numba" in sys.modules or _read_plainly > _MUCH:
+        from . import index
+
+        if index.COMPILED:
+            codes = np.frombuffer(raw, np.uint8)
+            words = np.ndarray((max(len(raw) - 7, 0),), "<u8", raw, strides=(1,))
+            return functools.partial(index.fill, codes, words)
+    _read_plainly += len(raw)
+    return functools.partial(_index_plainly, raw)
 
 
 def _index_plainly(raw: bytes, longs: Longs, places: Integers, others: Integers) -> tuple[int, int]:
-    """Do what :func:`_index` does, where there is no compiler."""
+    """Do what ``index.fill`` does, without the compiler."""
     at, end, k, j = 0, len(raw), 0, 0
     while at < end:
         if at + _RECORD_HEAD > end:

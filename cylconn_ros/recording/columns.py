@@ -100,6 +100,12 @@ class _Walker:
         return offset, max(length - 1, 0)  # without the closing zero
 
 
+def has_columns(schema: Schema, type_name: str) -> bool:
+    """Whether messages of a type become columns: none holds a list of messages."""
+    nested = [m for m in schema[type_name] if m.type not in PRIMITIVES and m.type != "string"]
+    return all(not m.is_array and has_columns(schema, m.type) for m in nested)
+
+
 def columns(
     schema: Schema, type_name: str, messages: Sequence[bytes]
 ) -> tuple[dict[str, npt.NDArray[Any]], npt.NDArray[np.bool_]]:

@@ -18,10 +18,12 @@ from mcap.writer import MCAP0_MAGIC
 
 from . import connectors, schema
 from .blocks import Block
-from .columns import appended, of_block
+from .columns import appended, has_columns, of_block
 from .errors import RecordingError
 from .source import Source
 
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+"""Fields of a message's stamp."""
 _STATE_TYPE = "cylconn_ros/msg/ConnectorState"
 
 
@@ -161,6 +163,13 @@ class Run:
                 publish_time = block.publish_time[which][good].astype(np.int64)
                 undecodable = int((~good).sum())
                 yield Table(topic, channel.type, log_time, publish_time, found, undecodable)
+
+    def has_columns(self, topic: str) -> bool:
+        """Whether a topic can be decoded: no lists of messages in it."""
+        try:
+            return has_columns(*self._schema(topic))
+        except RecordingError:
+            return False
 
     def table(self, topic: str) -> Table:
         """Decode a topic; raises RecordingError if it is unknown or its type has no columns."""

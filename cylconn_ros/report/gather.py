@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.recording.reader import Run
+from cylconn_ros.recording.reader import STAMP, Run
 from cylconn_ros.report.panels import States
 
 Array = npt.NDArray[Any]
 _POSES = {"geometry_msgs/msg/PoseStamped": "pose", "nav_msgs/msg/Odometry": "pose.pose"}
-_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _GAP = 5.0  # median periods without a sample
 
 
@@ -65,7 +64,7 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
     """
     topic = run.state_topic
     undecodable, stamps, methods = 0, [np.zeros(0, np.int64)], dict[str, None]()
-    for piece in run.pieces(topic, only=(*_STAMP, "method")):
+    for piece in run.pieces(topic, only=(*STAMP, "method")):
         undecodable += piece.undecodable
         if len(piece):
             stamps.append(piece.stamp)
@@ -185,7 +184,7 @@ def _pose(run: Run, body: str, stamp: Array) -> Array | None:
     prefix = _POSES[run.types[topic]]
     names = [f"{prefix}.position.{c}" for c in "xyz"]
     names += [f"{prefix}.orientation.{c}" for c in "xyzw"]
-    stamps = [piece.stamp for piece in run.pieces(topic, only=_STAMP) if len(piece)]
+    stamps = [piece.stamp for piece in run.pieces(topic, only=STAMP) if len(piece)]
     if not stamps:
         return None
     known = np.concatenate(stamps)
