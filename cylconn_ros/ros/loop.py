@@ -4,7 +4,8 @@ The ordinary executor builds what it waits on anew for every message, and makes 
 what comes. Here the middleware rings a bell (ros/bells.py), one for every group of subscriptions
 whose messages make samples together, and bytes stay bytes. And as the messages of a sample mostly
 come in one order, a group's bell is tied to the one that completed its last sample, and the others
-are taken with it: the thread wakes once a sample instead of once a message.
+are taken with it: the thread wakes once a sample instead of once a message. What comes seldom, and
+completes no sample, has a bell of its own, so that nobody asks for it in vain.
 
 This needs interfaces of rclpy that are not public. Where one is missing (:func:`missing` says
 which), the node's executor has to serve the subscriptions.
@@ -53,24 +54,38 @@ class Entry(NamedTuple):
     """A subscription, made with ``raw=True``, and what takes its messages.
 
     ``receive`` returns whether the message completed a sample; ``lost`` is told how many messages
-    never came.
+    never came; ``seldom``: it never completes one.
     """
 
     subscription: Subscription
     receive: Receive
     lost: Callable[[int], object] = lambda _: None
+    seldom: bool = False
+
+
+_Stream = tuple[int, Callable[[], Any], Receive, Gaps]
+
+
+def _streams(entries: Sequence[Entry]) -> list[_Stream]:
+    """Number, what takes a message (None where there is none), what receives it, its gaps."""
+    return [
+        (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
+         entry.receive, Gaps(entry.lost))
+        for k, entry in enumerate(entries) for handle in (entry.subscription.handle,)
+    ]  # fmt: skip
 
 
 class _Group:
     """Subscriptions whose messages make samples together, in the order in which they are taken."""
 
     def __init__(self, entries: Sequence[Entry], caught: Callable[[Exception], object]) -> None:
-        self.bell = bells.Bell([entry.subscription for entry in entries])
-        self._streams = [
-            (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
-             entry.receive, Gaps(entry.lost))
-            for k, entry in enumerate(entries) for handle in (entry.subscription.handle,)
-        ]  # fmt: skip
+        often = [entry for entry in entries if not entry.seldom]
+        seldom = [entry for entry in entries if entry.seldom]
+        self.bell, self.seldom_bell = (
+            bells.Bell([entry.subscription for entry in some]) for some in (often, seldom)
+        )
+        self.seldom_bell.tie(range(len(seldom)))
+        self._streams, self._seldom = _streams(often), _streams(seldom)
         self._caught = caught
         self._last: int | None = None  # who completed the last sample
         self._rounds = 0
@@ -87,8 +102,24 @@ class _Group:
         self._rounds += 1
         expected = self._last is not None and now < self.due
         most = 1 if expected and self._rounds % _THOROUGH else _ALL
+        last = self._take(self._streams, most)
+        if last != self._last:
+            self._tie(last)
+        if last is None:
+            self.due = 0.0
+        else:
+            patience = _PATIENCE * (now - self._completed)
+            self._completed = now
+            self.due = now + min(max(patience, _LEAST), _MOST)
+
+    def serve_seldom(self) -> None:
+        """Take all that has come of what completes no sample."""
+        self._take(self._seldom, _ALL)
+
+    def _take(self, streams: Sequence[_Stream], most: int) -> int | None:
+        """Take up to ``most`` messages of each; who completed a sample last."""
         last: int | None = None
-        for k, take, receive, gaps in self._streams:
+        for k, take, receive, gaps in streams:
             for _ in range(most):
                 taken = take()
                 if taken is None:
@@ -104,14 +135,12 @@ class _Group:
                         last = k
                 except Exception as error:
                     self._caught(error)
-        if last != self._last:
-            self._tie(last)
-        if last is None:
-            self.due = 0.0
-        else:
-            patience = _PATIENCE * (now - self._completed)
-            self._completed = now
-            self.due = now + min(max(patience, _LEAST), _MOST)
+        return last
+
+    def close(self) -> None:
+        """Hear nothing any more."""
+        self.bell.close()
+        self.seldom_bell.close()
 
 
 class Loop:
@@ -144,7 +173,7 @@ class Loop:
             self._thread.join()
             self._thread = None
         for group in self._groups:
-            group.bell.close()
+            group.close()
         self._groups = []
         self._node._subscriptions.extend(entry.subscription for entry in self._entries)
         self._entries = []
@@ -154,13 +183,17 @@ class Loop:
         ear = bells.Ear()
         for number, group in enumerate(groups):
             ear.listen(group.bell, number)
+            ear.listen(group.seldom_bell, ~number)
         looked, patience = 0.0, _IDLE
         while not self._ending:
             rung = ear.wait(patience)
             now = time.monotonic()
-            for number in rung:
+            for number in sorted(rung):  # what comes seldom first: it acts on the sample with it
                 with lock:
-                    groups[number].serve(now)
+                    if number < 0:
+                        groups[~number].serve_seldom()
+                    else:
+                        groups[number].serve(now)
             if rung:
                 patience = _LOOK
             if now - looked >= _LOOK:

@@ -24,7 +24,7 @@ from cylconn_ros.ros.message_types import message_class
 
 Receiver = Callable[[str, str], Receive]
 """Gives, for an input's name and its topic, what takes the messages."""
-_FIRST = ("load", "command")  # act on the sample that waits with them
+_SELDOM = ("load", "command")
 
 
 class Topics:
@@ -85,7 +85,7 @@ class Topics:
         return self._node.resolve_topic_name(names.topic(self._connector, name))
 
     def open_inputs(self, answering: Answering, receiver: Receiver) -> list[Entry]:
-        """Subscribe to the inputs; what a loop is to serve, in the order to take it in."""
+        """Subscribe to the inputs; what a loop is to serve."""
         entries = []
         for name, wanted in answering.inputs.items():
             topic = self.resolved(name)
@@ -101,8 +101,8 @@ class Topics:
                 **qos.reading(functools.partial(self._incompatible, topic), self._lost),
             )
             self._names[name] = (topic, wanted.type, profile)
-            entries.append(Entry(self._subscriptions[name], receive, self._overwritten))
-        entries.sort(key=lambda entry: not entry.subscription.topic_name.endswith(_FIRST))
+            seldom = name.endswith(_SELDOM)
+            entries.append(Entry(self._subscriptions[name], receive, self._overwritten, seldom))
         return entries
 
     def close_inputs(self) -> None:
