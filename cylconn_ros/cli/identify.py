@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     with Progress("identify") as bar:
         bar.note("preparing (the first run compiles the physics)")
         try:
-            found = identify(scene, list(matched(recorded, scene, dict(options.topic))), known)
+            found = identify(scene, matched(recorded, scene, dict(options.topic)), known)
         except IdentifyError as error:
             raise CommandError(f"{options.recording}: {error}") from None
     if options.json is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from cylconn_ros.identify.kinetic import (
 from cylconn_ros.identify.measured import Measured, measure
 from cylconn_ros.identify.stretches import Stretch, slip_rate, stretches, threshold
 from cylconn_ros.identify.windows import Windows, windows
-from cylconn_ros.recording.samples import Sampled
+from cylconn_ros.recording.samples import Sampled, Samples
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class Identified:
 
 
 def identify(
-    scene: Scene, samples: Sequence[Sampled], known: Mapping[str, float] | None = None
+    scene: Scene, samples: Iterable[Sampled], known: Mapping[str, float] | None = None
 ) -> Identified:
     """Estimate friction from samples.
 
@@ -102,6 +102,7 @@ def identify(
     """
     known = dict(known or {})
     start = _start(scene, known)
+    samples = Samples.of(samples)
     measured = measure(scene, samples)
     found = stretches(measured, start.radius)
     slips, left_out = _slipping(measured, found, start.radius)
@@ -274,21 +275,13 @@ def _why(k: int, w: Windows, loads: Loads, law: Law) -> str:
     return f"not excited: the normal force hardly changes (radial force {radial})"
 
 
-def _coarse(scene: Scene, samples: Sequence[Sampled], fitted: Fitted) -> Array:
+def _coarse(scene: Scene, samples: Samples, fitted: Fitted) -> Array:
     """(free,) how far, beyond noise, the estimates move with every second sample left out.
 
     Zeros where that leaves too little to estimate from.
     """
-    halved = []
-    h = 0.0
-    for k, one in enumerate(samples):
-        restarted = one.restarted or (k > 0 and samples[k - 1].restarted)
-        h += one.h
-        if k % 2 == 0:
-            halved.append(one._replace(h=h, restarted=restarted))
-            h = 0.0
     try:
-        measured = measure(scene, halved)
+        measured = measure(scene, samples.every_second())
         found = stretches(measured, fitted.law.radius)
         slips, _ = _slipping(measured, found, fitted.law.radius)
         again = fit(slips, Loads.of(slips), fitted.law, fitted.free)

@@ -9,8 +9,9 @@ the noise of a measured twist stands once and not, as in the wrench, as a differ
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,23 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.identify.errors import IdentifyError
-from cylconn_ros.recording.samples import Sampled
+from cylconn_ros.recording.samples import Sampled, Samples
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 F1, F2, F3, M1, M2, M3 = range(6)
 STOP_REACH = 2.0  # periods ahead of a stop from which on its force may act
+_BLOCK = 2048  # samples observed in one call
+_KEPT = [
+    layout.STATE_INDEX[name] + k
+    for name, width in (
+        ("force", 3), ("moment", 3), ("force_elastic", 1), ("force_viscous", 1),
+        ("moment_elastic", 1), ("moment_viscous", 1), ("velocity", 1), ("angular_velocity", 1),
+        ("length", 1), ("angle", 1),
+    )
+    for k in range(width)
+] + [layout.STATUS]  # fmt: skip
 GAP = 4.5  # of the usual interval: a longer one hides what happened in it
 
 
@@ -58,42 +69,40 @@ class Measured:
         return float(np.median(self.dt))
 
 
-def measure(scene: Scene, samples: Sequence[Sampled]) -> Measured:
+def measure(scene: Scene, samples: Iterable[Sampled]) -> Measured:
     """Observe the samples of a recording, with the parameters of ``scene``.
 
     Raises IdentifyError where there are too few samples, or friction cannot be told from what else
     acts along the slot; SceneError where no inertia is known.
     """
     _check(scene)
+    samples = Samples.of(samples)
     if len(samples) < 2:
         raise IdentifyError(
             f"{len(samples)} complete samples: a motion is needed (pose and twist of every moving "
             "body, with the same stamps)"
         )
-    usual = float(np.median([one.h for one in samples[1:]]))
+    usual = float(np.median(samples.since[1:]))
     connector = Connector(
         dataclasses.replace(
             scene, method="observe", latency=0, tolerance=0.0, period=scene.period or usual
         )
     )
-    outs, periods, begins, stamps = [], [], [], []
-    begin = True
-    for stamp, h, restarted, sample in samples:
-        begin |= restarted
-        if restarted:
-            connector.reset()
-        out = connector.step(sample, 0.0 if begin else h)
-        outs.append(out)
-        periods.append(h)
-        begins.append(begin)
-        stamps.append(stamp)
-        begin = False
-    out = np.array(outs)
-    dt = np.array(periods, dtype=np.float64)
-    time: Array = np.asarray(
-        (np.array(stamps, dtype=np.int64) - stamps[0]) * 1e-9, dtype=np.float64
-    )
-    return _measured(scene, out, dt, time, np.array(begins, dtype=np.bool_))
+    begins = samples.restarted.copy()
+    begins[0] = True
+    since = np.where(begins, 0.0, samples.since)
+    out = np.empty((len(samples), len(_KEPT)))
+    edges = [*np.flatnonzero(begins).tolist(), len(samples)]
+    room = np.empty((_BLOCK, layout.NOUT))
+    for begin, end in itertools.pairwise(edges):
+        connector.reset()
+        for at in range(begin, end, _BLOCK):
+            some = slice(at, min(at + _BLOCK, end))
+            numbers = np.ascontiguousarray(samples.numbers[some])
+            found = connector.run_each(numbers, since[some], room[: len(numbers)])
+            out[some] = found[:, _KEPT]
+    time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
+    return _measured(scene, out, samples.since, time, begins)
 
 
 def _check(scene: Scene) -> None:
@@ -118,8 +127,8 @@ def _measured(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) ->
         for part in ("elastic", "viscous"):
             wrench[:, at] -= _of(out, f"{name}_{part}", 1)[:, 0]
         wrench[:, at] -= imposed if np.isfinite(imposed) else 0.0
-    rates = np.column_stack([out[:, layout.VELOCITY], out[:, layout.ANGULAR_VELOCITY]])
-    refused = out[:, layout.STATUS] != layout.OK
+    rates = np.hstack([_of(out, "velocity", 1), _of(out, "angular_velocity", 1)])
+    refused = out[:, _KEPT.index(layout.STATUS)] != layout.OK
     refused[1:] |= refused[:-1].copy()
     usual = np.median(dt[~begins]) if not begins.all() else 0.0
     reasons = (
@@ -139,7 +148,7 @@ def _measured(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) ->
 
 
 def _of(out: Array, name: str, width: int) -> Array:
-    at = layout.STATE_INDEX[name]
+    at = _KEPT.index(layout.STATE_INDEX[name])
     return out[:, at : at + width]
 
 
@@ -148,18 +157,18 @@ def _bounded(scene: Scene, out: Array, rates: Array, dt: Array) -> Mask:
     found = np.zeros(len(out), dtype=np.bool_)
     stops = scene.stops
     bounds = (
-        (layout.LENGTH, 0, stops.l_min, stops.l_max),
-        (layout.ANGLE, 1, stops.theta_min, stops.theta_max),
+        ("length", 0, stops.l_min, stops.l_max),
+        ("angle", 1, stops.theta_min, stops.theta_max),
     )
-    for at, k, low, high in bounds:
-        place, reach = out[:, at], STOP_REACH * np.abs(rates[:, k]) * dt
+    for name, k, low, high in bounds:
+        place, reach = _of(out, name, 1)[:, 0], STOP_REACH * np.abs(rates[:, k]) * dt
         reach[1:] = np.maximum(reach[1:], reach[:-1].copy())
         for bound, side in ((low, 1.0), (high, -1.0)):
             if np.isfinite(bound):
                 found |= side * (place - bound) <= reach
     if scene.lock.component != "none" and np.isfinite(scene.lock.position):
         k = ("slide", "spin").index(scene.lock.component)
-        place = out[:, (layout.LENGTH, layout.ANGLE)[k]] - scene.lock.position
+        place = _of(out, ("length", "angle")[k], 1)[:, 0] - scene.lock.position
         closed = np.abs(place) <= STOP_REACH * np.abs(rates[:, k]) * dt
         found |= np.maximum.accumulate(closed)
     return found

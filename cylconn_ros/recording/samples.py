@@ -5,13 +5,14 @@ Messages go in as they were recorded, loads before poses before twists of the sa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.matching import SampleMatcher
+from cylconn_ros.connector.matching import Matched, SampleMatcher
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.recording.reader import Run, Table
@@ -47,7 +48,8 @@ def matched(run: Run, scene: Scene, names: Mapping[str, str] | None = None) -> I
     Raises RecordingError for a topic named that is not there, or one of inputs without columns.
     """
     matcher = SampleMatcher(scene)
-    messages: list[tuple[int, int, int, Any]] = []  # log time, rank, number, call
+    takers: list[Callable[[int], Matched | None]] = []
+    places: list[NDArray[np.int64]] = []  # log time, rank, stream and row of every message
     loads = 0
     for body, name in enumerate(_BODIES):
         for rank, kind in enumerate(("load", "pose", "twist", "odom")):
@@ -61,50 +63,104 @@ def matched(run: Run, scene: Scene, names: Mapping[str, str] | None = None) -> I
             if topic in run.counts and not run.counts[topic]:
                 continue
             table = run.table(topic)
-            messages += _calls(matcher, body, kind, rank, table)
+            count, stream = len(table), len(takers)
+            row = np.arange(count)
+            places.append(
+                np.stack([table.log_time, np.full(count, rank), np.full(count, stream), row])
+            )
+            takers.append(_taker(matcher, body, kind, table))
     if not loads:  # simulate knows its loads from the scene
         matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    messages.sort(key=lambda message: message[:3])
-    for *_, call in messages:
-        found = call()
+    together = np.concatenate(places or [np.zeros((4, 0), np.int64)], axis=1)
+    # in the order of log times; at one time loads, poses, twists, each in its own order
+    order = np.lexsort((together[3], together[1], together[0]))
+    stream_of, row_of = together[2:, order]
+    del together, places, order
+    for stream, row in zip(stream_of, row_of, strict=True):
+        found = takers[stream](row)
         if found is not None and not found.repeated:
             yield Sampled(found.stamp, found.h, found.restarted, matcher.sample.copy())
 
 
-def _calls(
-    matcher: SampleMatcher, body: int, kind: str, rank: int, table: Table
-) -> list[tuple[int, int, int, Any]]:
-    """The messages of one topic as calls of the matcher."""
+class Samples(Sequence[Sampled]):
+    """Samples kept as columns: a third of what as many objects take.
+
+    Attributes
+    ----------
+        stamps: (n,) ns. since: (n,) s since the sample before.
+        restarted: (n,) a new history begins.
+        numbers: (n, NSAMPLE).
+    """
+
+    def __init__(
+        self, stamps: NDArray[np.int64], since: Array, restarted: NDArray[np.bool_], numbers: Array
+    ) -> None:
+        self.stamps, self.since, self.restarted, self.numbers = stamps, since, restarted, numbers
+
+    @classmethod
+    def of(cls, samples: Iterable[Sampled]) -> Samples:
+        """Keep samples as they come."""
+        if isinstance(samples, Samples):
+            return samples
+        parts: list[tuple[NDArray[Any], ...]] = []
+        rest = iter(samples)
+        while some := list(itertools.islice(rest, 4096)):
+            stamps, since, restarted, numbers = zip(*some, strict=True)
+            parts.append(
+                (np.array(stamps, np.int64), np.array(since, np.float64),
+                 np.array(restarted, np.bool_), np.array(numbers, np.float64))
+            )  # fmt: skip
+        if not parts:
+            none = np.zeros(0, np.int64)
+            return cls(none, none.astype(float), none.astype(bool), np.zeros((0, layout.NSAMPLE)))
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @overload
+    def __getitem__(self, k: int) -> Sampled: ...
+    @overload
+    def __getitem__(self, k: slice) -> Samples: ...
+    def __getitem__(self, k: int | slice) -> Sampled | Samples:
+        if isinstance(k, slice):
+            return Samples(self.stamps[k], self.since[k], self.restarted[k], self.numbers[k])
+        return Sampled(
+            int(self.stamps[k]), float(self.since[k]), bool(self.restarted[k]), self.numbers[k]
+        )
+
+    def every_second(self) -> Samples:
+        """The samples with every second left out."""
+        since, restarted = self.since[::2].copy(), self.restarted[::2].copy()
+        count = len(since) - 1
+        since[1:] += self.since[1::2][:count]
+        restarted[1:] |= self.restarted[1::2][:count]
+        return Samples(self.stamps[::2], since, restarted, self.numbers[::2])
+
+
+def _taker(
+    matcher: SampleMatcher, body: int, kind: str, table: Table
+) -> Callable[[int], Matched | None]:
+    """What gives the matcher a message of one topic, by its row."""
     frames, stamps = table["header.frame_id"], table.stamp
-    calls: list[Any] = []
     if kind == "odom":
         poses = _pose(table, "pose.pose.")
         twists = vectors(table, ("twist.twist.linear", "twist.twist.angular"))
         children = table["child_frame_id"]
-        calls = [
-            lambda k=k: matcher.odometry(
-                body,
-                int(stamps[k]),
-                (str(frames[k]), str(children[k])),
-                poses[k].tolist(),
-                twists[k].tolist(),
-            )
-            for k in range(len(table))
-        ]
-    elif kind == "load":
+        return lambda k: matcher.odometry(
+            body,
+            int(stamps[k]),
+            (str(frames[k]), str(children[k])),
+            poses[k].tolist(),
+            twists[k].tolist(),
+        )
+    if kind == "load":
         wrenches = vectors(table, ("wrench.force", "wrench.torque"))
-        calls = [
-            lambda k=k: matcher.load(body, str(frames[k]), wrenches[k].tolist())
-            for k in range(len(table))
-        ]
-    else:
-        if kind == "pose":
-            rows = _pose(table, "pose.")
-        else:
-            rows = vectors(table, ("twist.linear", "twist.angular"))
-        take = matcher.pose if kind == "pose" else matcher.twist
-        calls = [
-            lambda k=k: take(body, int(stamps[k]), str(frames[k]), rows[k].tolist())
-            for k in range(len(table))
-        ]
-    return [(int(table.log_time[k]), rank, k, call) for k, call in enumerate(calls)]
+        return lambda k: matcher.load(body, str(frames[k]), wrenches[k].tolist())
+    rows = (
+        _pose(table, "pose.")
+        if kind == "pose"
+        else vectors(table, ("twist.linear", "twist.angular"))
+    )
+    take = matcher.pose if kind == "pose" else matcher.twist
+    return lambda k: take(body, int(stamps[k]), str(frames[k]), rows[k].tolist())
