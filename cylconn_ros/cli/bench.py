@@ -14,6 +14,8 @@
            node and the least a node can do
   replay  reading a recording and evaluating its samples, by the input message
   connectors  what a sample costs with 1, 10 and 100 connectors in one process, and what holds
+  faults   processes killed and paused, floods, garbage, late and lost messages, every ending: real
+           nodes, and every scene of the library with and without latency
   soak     millions of samples in lock step with a node that records them: memory, losses, and the
            laws of the recording; an hour or less
 
@@ -53,6 +55,7 @@ WHAT = (
     "node",
     "connectors",
     "replay",
+    "faults",
     "soak",
 )
 
@@ -144,7 +147,14 @@ def _bodies() -> dict[str, Callable[[Findings], str]]:
         "precision": precision_text.body,
         "model": model.text,
         "stability": _map,
+        "faults": _faults,
     }
+
+
+def _faults(found: Findings) -> str:
+    from cylconn_ros.bench.faults import show
+
+    return show.body(found)
 
 
 def _map(found: Findings) -> str:
@@ -266,6 +276,8 @@ def parts(what: str) -> Sequence[tuple[str, Part]]:
                 lambda settings: connectors.measure(settings, private_environment()),
             ),
         )
+    if what == "faults":
+        return (("faults of processes and messages", reliability.faults),)
     if what == "soak":
         return (("a node that records", reliability.soak),)
     from cylconn_ros.bench import orders

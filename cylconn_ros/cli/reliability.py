@@ -37,3 +37,11 @@ def check(run: Path) -> Checked:
         if (law := tally.laws.get(letter)) is not None and law.samples
     ]
     return Checked(tally.samples, laws, dict(tally.regimes))
+
+
+def faults(settings: Settings) -> Findings:
+    """Every fault, upon real processes and in process."""
+    from cylconn_ros.bench.faults import measure
+
+    with Progress("library") as bar:
+        return measure.measure(settings, private_environment(), bar)

@@ -58,8 +58,7 @@ class Links:
 
     incompatible: dict[str, str] = dataclasses.field(default_factory=dict)  # topic: policy
     other_types: dict[str, str] = dataclasses.field(default_factory=dict)  # topic: types
-    lost: int = 0  # messages dropped before they reached the node, as the middleware tells
-    overwritten: int = 0  # the same, as the gaps in their numbers tell
+    lost: int = 0  # messages that were sent and never came
     timeouts: int = 0  # times a zero wrench was sent because samples had stopped
     unsent: int = 0  # answers the middleware did not take
     unsent_text: str = ""
@@ -67,11 +66,6 @@ class Links:
     caught_text: str = ""
     silent: bool = False  # samples have stopped
     state: str = "unconfigured"  # of the lifecycle
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were sent and never came: each is told of once or twice, or seen once."""
-        return max(self.lost, self.overwritten)
 
 
 class Monitor:
@@ -209,14 +203,14 @@ class Monitor:
         problems += [
             (ERROR, self._new("unsent", links.unsent), f"not published: {links.unsent_text}"),
             (ERROR, self._new("caught", links.caught), f"a callback failed: {links.caught_text}"),
-            (WARN, self._new("dropped", links.dropped), "messages were dropped on the way"),
+            (WARN, self._new("dropped", links.lost), "messages were dropped on the way"),
         ]
         if missing:
             problems.append((WARN, True, f"nothing received yet on {', '.join(missing)}"))
         values: dict[str, object] = {
             "incompatible QoS": len(links.incompatible),
             "other message types": len(links.other_types),
-            "dropped messages": links.dropped,
+            "dropped messages": links.lost,
             "answers not published": links.unsent,
             "failed callbacks": links.caught,
         }

@@ -1,7 +1,7 @@
 """Messages that were sent and never taken: seen by the gaps in their publisher's numbers.
 
-A full queue forgets its oldest messages without a word, and not every middleware tells of messages
-that it has lost itself.
+A full queue forgets its oldest messages without a word, and what a middleware tells of messages
+that it has lost itself is not to be relied on (ros/qos.py).
 """
 
 from __future__ import annotations
@@ -25,6 +25,13 @@ class Gaps:
         self._report = report
         self._others: list[int] = []  # what other publishers of the topic send next
         self.expected = -1  # nothing has come
+
+    def look(self, number: int | None) -> None:
+        """Take the next number."""
+        if number == self.expected:
+            self.expected += 1
+        else:
+            self.apart(number)
 
     def apart(self, number: int | None) -> None:
         """Take a number that was not expected; None from a middleware without numbers."""

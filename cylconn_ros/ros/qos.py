@@ -29,13 +29,16 @@ def overriding() -> QoSOverridingOptions:
     return QoSOverridingOptions.with_default_policies()
 
 
-def reading(report: Callable[[str], None], lost: Callable[[int], None]) -> dict[str, Any]:
-    """Event callbacks of a subscription: incompatible publishers, messages lost on the way."""
+def reading(report: Callable[[str], None]) -> dict[str, Any]:
+    """Event callbacks of a subscription: incompatible publishers.
+
+    Not that of lost messages: rmw_fastrtps locks up for good (Jazzy) where one is lost while the
+    status is taken, which a flood does within seconds. Losses are seen by their gaps (ros/gaps.py).
+    """
     return {
         "event_callbacks": SubscriptionEventCallbacks(
             incompatible_qos=lambda event: report(_policy(event)),
             incompatible_type=lambda _: report("message type"),
-            message_lost=lambda event: lost(event.total_count_change),
         )
     }
 

@@ -18,6 +18,7 @@ from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import names, qos
 from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
+from cylconn_ros.ros.gaps import Gaps
 from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
@@ -94,15 +95,15 @@ class Topics:
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
                 names.topic(self._connector, name),
-                functools.partial(_discard_result, receive),
+                _callback(receive, self._lost),
                 profile,
                 raw=True,
                 qos_overriding_options=qos.overriding(),
-                **qos.reading(functools.partial(self._incompatible, topic), self._lost),
+                **qos.reading(functools.partial(self._incompatible, topic)),
             )
             self._names[name] = (topic, wanted.type, profile)
             seldom = name.endswith(_SELDOM)
-            entries.append(Entry(self._subscriptions[name], receive, self._overwritten, seldom))
+            entries.append(Entry(self._subscriptions[name], receive, self._lost, seldom))
         return entries
 
     def close_inputs(self) -> None:
@@ -176,9 +177,6 @@ class Topics:
     def _lost(self, count: int) -> None:
         self._links.lost += count
 
-    def _overwritten(self, count: int) -> None:
-        self._links.overwritten += count
-
     def look_for_types(self) -> None:
         """Ask the graph who publishes other messages on an input; one input a call, in turns."""
         if not self._subscriptions:
@@ -196,8 +194,15 @@ def _kinds(answering: Answering) -> dict[str, str]:
     return {name: wanted.type for name, wanted in answering.inputs.items()} | dict(OUTPUTS)
 
 
-def _discard_result(receive: Receive, data: bytes) -> None:
-    receive(data)
+def _callback(receive: Receive, lost: Callable[[int], object]) -> Callable[[bytes, Any], None]:
+    """The same for an executor, which calls with message and information."""
+    gaps = Gaps(lost)
+
+    def callback(data: bytes, info: Any) -> None:
+        gaps.look(info["publication_sequence_number"])
+        receive(data)
+
+    return callback
 
 
 def check_qos_overrides(

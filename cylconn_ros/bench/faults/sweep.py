@@ -39,6 +39,8 @@ _ONE_BY_ONE = {
 }
 _STEPS = (120, 1000)  # of a run, at least and at most
 BOUND = 0.01  # of the energy exchanged, that the passivity account may gain
+MOST, LEFT = 1.0, 0.05  # of what the scene has, that energy may exceed at most, and at the end
+ROUNDING = 1e-4  # of what the scene has, that its account may be off
 
 
 @dataclass(frozen=True)
@@ -58,18 +60,29 @@ class Outcome:
     ----------
         finite: everything that was answered and every state.
         offset (m), angle (rad): worst violation where it counts.
-        energy: the most by which energy exceeds that of the run without faults, over what that run
-            turns over and what the bodies take up before the first wrench acts.
-        passivity: the most by which the published balance exceeds its bound, over the energy
-            exchanged.
-        lowered: largest energy at the end, as ``energy``.
+        energy, end: by how much energy exceeds that of the run without faults, at most and at the
+            end, over what the scene has (:attr:`Prompt.scale`).
+        passivity: the most by which the published balance exceeds 1 % of the energy exchanged and
+            the work of pulling in, over what the scene has.
     """
 
     finite: bool
     offset: float = math.inf
     angle: float = math.inf
     energy: float = math.inf
+    end: float = math.inf
     passivity: float = math.inf
+
+    @property
+    def bounded(self) -> bool:
+        """Whether constraint and energy stay bounded."""
+        held = self.offset <= judge.OFFSET and self.angle <= judge.ANGLE
+        return self.finite and held and self.energy <= MOST and self.end <= LEFT
+
+    @property
+    def passive(self) -> bool:
+        """Whether the published account keeps its bound."""
+        return self.passivity <= ROUNDING
 
 
 def rows() -> list[Fault]:
@@ -106,16 +119,25 @@ class Watched(Ours):
 
 
 class Prompt:
-    """A scene's run without faults: what others are compared with."""
+    """A scene's run without faults: what others are compared with.
+
+    Attributes
+    ----------
+        energy: sample by sample, J.
+        scale: what the scene has: what its energy turns over, what the joint exchanges, and the
+            greatest kinetic energy, J.
+    """
 
     def __init__(self, scene: Scene) -> None:
         steps = min(max(round(1.0 / scene.period), _STEPS[0]), _STEPS[1])
         self.scene = lasting(scene, steps * scene.period)
         self._par = pack(scene, plant=True)
         servant = Watched(self.scene)
-        self.energy = self.energies(closed(self.scene, servant).states)
+        states = closed(self.scene, servant).states
+        self.energy = self.energies(states)
         exchanged = float(servant.out[layout.ENERGY_EXCHANGED])
-        self.turnover = float(np.ptp(self.energy)) + exchanged
+        kinetic, _ = judge.energies(self.scene, states)
+        self.scale = float(np.ptp(self.energy)) + exchanged + float(kinetic.max())
 
     def energies(self, states: Array) -> Array:
         """Kinetic and gravitational energy of (N, 26) states, J."""
@@ -162,19 +184,19 @@ def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> O
     scene = prompt.scene
     offset, angle = judge.errors(scene, judge.look(scene, trace.states))
     counts, stretches = judge.settled(scene, trace, offset, angle)
-    energy = prompt.energies(trace.states)
-    scale = max(prompt.turnover + prompt.unheld(faults.late), 1e-9)
-    excess = -math.inf
+    energy, fall = prompt.energies(trace.states), prompt.unheld(faults.late)
+    scale = max(prompt.scale + fall, 1e-9)
+    excess, put = -math.inf, 0.0
     for first, last in stretches:  # what somebody else has put in is nobody's gain here
-        put = energy[first] - prompt.energy[0] if first else 0.0
-        most = float(energy[first:last].max()) - float(prompt.energy.max())
-        excess = max(excess, most - max(put, 0.0))
+        put = max(float(energy[first] - prompt.energy[0]), 0.0) if first else 0.0
+        excess = max(excess, float(energy[first:last].max() - prompt.energy.max()) - put)
     return Outcome(
         True,
         float(offset[counts].max(initial=0.0)),
         float(angle[counts].max(initial=0.0)),
         excess / scale,
-        servant.exceeded / max(servant.exchanged, scale),
+        (float(energy[-1] - prompt.energy.max()) - put) / scale,
+        (servant.exceeded - fall * len(trace.begins)) / scale,
     )
 
 
@@ -183,11 +205,13 @@ Cell = tuple[str, str, str]
 """Name of a fault, of a scene, and how the latency was known."""
 
 
-def run(names: list[str], load: SceneLoader, progress: Progress) -> Iterator[tuple[Cell, Outcome]]:
-    """Every fault on every scene, answered by what ``auto`` picks where inertia is known."""
+def run(
+    names: list[str], faults: list[Fault], load: SceneLoader, progress: Progress
+) -> Iterator[tuple[Cell, Outcome]]:
+    """Faults on scenes, answered by what ``auto`` picks where inertia is known."""
     for done, name in enumerate(names):
         prompt = Prompt(dataclasses.replace(load(name), method="auto", tolerance=0.0))
-        for row in rows():
+        for row in faults:
             for told, latency in row.latencies.items():
                 yield (row.name, name, told), outcome(prompt, row.faults, latency)
         progress(done + 1, len(names))
