@@ -22,7 +22,7 @@ from cylconn_ros.ros.faults.stamps import Stamps, late, misaligned
 
 _TILT = [0.0, 0.25881904510252074, 0.0, 0.9659258262890683]  # 30 degrees
 _FAR = {
-    "timeout": 5.0,
+    "timeout": 60.0,
     "reference__offsets": "zero",
     "reference__misalignment": "zero",
     "node_b__orientation": [0.0, 0.0, 0.0, 1.0],
@@ -35,7 +35,7 @@ _FAR = {
 
 def rows(folder: Path, quick: bool) -> Iterator[Row]:
     """Every fault, one after the other."""
-    with _served(folder, sleeve(timeout=5.0)) as peer:
+    with _served(folder, sleeve(timeout=60.0)) as peer:
         for row in Messages(peer, quick).all():
             yield counted(row, peer)
         for row in Stamps(peer, quick).all():
@@ -43,7 +43,7 @@ def rows(folder: Path, quick: bool) -> Iterator[Row]:
     steps = 300 if quick else 2000
     for samples in (2,) if quick else (1, 2, 5):
         for latency in (0, samples, -1):
-            with _served(folder, sleeve(timeout=5.0, latency=latency)) as peer:
+            with _served(folder, sleeve(timeout=60.0, latency=latency)) as peer:
                 yield counted(late(peer, samples, steps), peer)
     with _served(folder, sleeve(**_FAR)) as peer:
         yield counted(misaligned(peer, 1500), peer)

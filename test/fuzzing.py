@@ -1,0 +1,165 @@
+"""What must hold for any bytes: properties for hypothesis (test_fuzz.py) and for a fuzzer.
+
+``python test/fuzzing.py cdr|answers|scene [arguments of atheris, as -max_total_time=600]`` searches
+for bytes that break one, led by the branches they reach (pip install atheris).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import math
+import struct
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cylconn_ros.connector.parameters import SceneError
+from cylconn_ros.connector.scene import Scene, several
+from cylconn_ros.connector.scene_file import dump, load_parameters, scene_part
+from cylconn_ros.ros import cdr, commands
+from cylconn_ros.ros.answering import COMMAND, Answering
+from cylconn_ros.ros.cdr_writers import JointStateWriter, OdometryWriter, StampedWriter
+
+CONFIG = Path(__file__).resolve().parent.parent / "config"
+MS = 1_000_000
+SCENE = {
+    "node_a.orientation": [0, 0, 0, 1],
+    "body_b.mass": 1.0,
+    "body_b.inertia": [0.002, 1e-4, 0.0, 0.003, 0.0, 0.004],
+    "body_b.com": [0.01, 0.02, 0.0],
+    "friction.coefficient": 0.2,
+    "friction.radius": 0.02,
+}
+
+
+def messages(stamp: int) -> dict[str, bytes]:
+    """A good message of every kind that is read."""
+    pose, six = np.array([0.2, 0, 0, 0, 0, 0, 1.0]), np.arange(6.0) * 0.1
+    return {
+        "body_b/pose": StampedWriter("world", 7).write(stamp, pose),
+        "body_b/twist": StampedWriter("world").write(stamp, six),
+        "body_b/load": StampedWriter("body_b").write(stamp, six),
+        "body_b/odom": OdometryWriter("world", "body_b").write(stamp, pose, six),
+        COMMAND: JointStateWriter("", commands.COMPONENTS).write(stamp, (0.1, 0), (0, 0), (0, 0)),
+    }
+
+
+READERS: dict[str, Callable[[bytes], Any]] = {
+    "body_b/pose": cdr.read_pose,
+    "body_b/twist": cdr.read_twist,
+    "body_b/load": cdr.read_wrench,
+    "body_b/odom": cdr.read_odometry,
+    COMMAND: cdr.read_joint_state,
+}
+
+
+def damaged(data: bytes, orders: bytes) -> bytes:
+    """A message changed as ``orders`` say, three bytes each: what, where, with what."""
+    found = bytearray(data)
+    for what, where, value in zip(orders[::3], orders[1::3], orders[2::3], strict=False):
+        at = where % max(len(found), 1)
+        if what % 5 == 0:
+            found[at : at + 1] = bytes([value])
+        elif what % 5 == 1:
+            del found[at:]
+        elif what % 5 == 2:
+            found += bytes(value)
+        elif what % 5 == 3:
+            found[at : at + 4] = struct.pack("<I", (value << 24) | value)
+        else:
+            number = (math.nan, math.inf, -math.inf, 1e308, 5e-324, -1e-300, 0.0)[value % 7]
+            found[at : at + 8] = struct.pack("<d", number)
+    return bytes(found)
+
+
+def reading(data: bytes) -> None:
+    """Any bytes are a message or a CdrError; what is a message is read within its bytes."""
+    for read in (*READERS.values(), cdr.read_stamp):
+        with contextlib.suppress(cdr.CdrError):
+            read(data)
+    if not data:
+        return
+    kinds = list(READERS)
+    kind = kinds[data[0] % len(kinds)]
+    near = damaged(messages(7 * MS)[kind], data[1:])
+    try:
+        found = READERS[kind](near)
+    except cdr.CdrError:
+        return
+    if kind == "body_b/pose" and near[:4] == b"\x00\x01\x00\x00":  # read again from what it says
+        again = StampedWriter(found.frame, 7).write(found.stamp, np.array(found.values))
+        if "�" not in found.frame and "\0" not in found.frame:
+            assert repr(cdr.read_pose(again)) == repr(found)
+
+
+@functools.cache
+def _scene() -> Scene:
+    return Scene.from_parameters(SCENE)
+
+
+class Served:
+    """A connector that has answered a sample and is then sent anything."""
+
+    def __init__(self) -> None:
+        self.answering = Answering(_scene())
+
+    def serve(self, data: bytes) -> None:
+        """Take messages as ``data`` says: nothing raises, and every wrench is finite."""
+        answering, stamp = self.answering, 1
+        answering.reset()
+        names = [name for name in messages(0) if name in answering.inputs]
+        for name in names:
+            self._take(name, messages(0)[name])
+        while data:
+            head, orders, data = data[0], data[1 : 1 + 3 * (data[0] >> 5)], data[1 + 21 :]
+            name = names[head % len(names)]
+            stamp += head >> 4 & 1
+            self._take(name, damaged(messages(stamp * MS)[name], orders))
+        assert not answering.health.failed, answering.health.failure
+
+    def _take(self, name: str, data: bytes) -> None:
+        answer = self.answering.inputs[name].receive(data)
+        if answer is not None:
+            for wrench in (answer.wrench_a, answer.wrench_b):
+                values = cdr.read_wrench(wrench).values
+                assert all(map(math.isfinite, values)), values
+
+
+def parameter_file(text: str, folder: Path) -> None:
+    """Any file is refused with a SceneError, or is scenes that can be written and read again."""
+    file = folder / "parameters.yaml"
+    file.write_text(text, encoding="utf-8", errors="surrogateescape")
+    try:
+        scenes = several(scene_part(load_parameters(file, "connector")))
+    except SceneError:
+        return
+    for scene in scenes.values():
+        file.write_text(dump(scene), encoding="utf-8")
+        assert dump(Scene.from_parameters(load_parameters(file, "connector"))) == dump(scene)
+
+
+def main() -> None:
+    """Let atheris search."""
+    atheris: Any = importlib.import_module("atheris")
+    what = sys.argv.pop(1)
+    with tempfile.TemporaryDirectory() as name:
+        targets: dict[str, Callable[[bytes], None]] = {
+            "cdr": reading,
+            "answers": lambda data: Served().serve(data),
+            "scene": lambda data: parameter_file(
+                data.decode("utf-8", "surrogateescape"), Path(name)
+            ),
+        }
+        atheris.instrument_all()
+        atheris.Setup(sys.argv, targets[what])
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
