@@ -103,6 +103,8 @@ class _Group:
         expected = self._last is not None and now < self.due
         most = 1 if expected and self._rounds % _THOROUGH else _ALL
         last = self._take(self._streams, most)
+        if last is None and most == 1:  # what was not taken has rung already
+            last = self._take(self._streams, _ALL)
         if last != self._last:
             self._tie(last)
         if last is None:
