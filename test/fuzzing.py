@@ -1,18 +1,11 @@
-"""What must hold for any bytes: properties for hypothesis (test_fuzz.py) and for a fuzzer.
-
-``python test/fuzzing.py cdr|answers|scene [arguments of atheris, as -max_total_time=600]`` searches
-for bytes that break one, led by the branches they reach (pip install atheris).
-"""
+"""What must hold for any bytes: for hypothesis (test_fuzz.py) and a fuzzer (scripts/fuzz.py)."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
 import math
 import struct
-import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -144,22 +137,10 @@ def parameter_file(text: str, folder: Path) -> None:
         assert dump(Scene.from_parameters(load_parameters(file, "connector"))) == dump(scene)
 
 
-def main() -> None:
-    """Let atheris search."""
-    atheris: Any = importlib.import_module("atheris")
-    what = sys.argv.pop(1)
-    with tempfile.TemporaryDirectory() as name:
-        targets: dict[str, Callable[[bytes], None]] = {
-            "cdr": reading,
-            "answers": lambda data: Served().serve(data),
-            "scene": lambda data: parameter_file(
-                data.decode("utf-8", "surrogateescape"), Path(name)
-            ),
-        }
-        atheris.instrument_all()
-        atheris.Setup(sys.argv, targets[what])
-        atheris.Fuzz()
-
-
-if __name__ == "__main__":
-    main()
+def targets(folder: Path) -> dict[str, Callable[[bytes], None]]:
+    """What takes any bytes, by name."""
+    return {
+        "cdr": reading,
+        "answers": lambda data: Served().serve(data),
+        "scene": lambda data: parameter_file(data.decode("utf-8", "surrogateescape"), folder),
+    }
