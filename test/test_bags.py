@@ -42,7 +42,7 @@ def told(topics: list[Topic]) -> str:
 
 def compared(bag: Bag, replay: Replay) -> Comparison:
     kinds = {topic: replay.outputs[name] for name, topic in replay.names.items()}
-    return Comparison({t: k for t, k in kinds.items() if t in bag.types}, replay.timing)
+    return Comparison({t: k for t, k in kinds.items() if t in bag.types}, replay.timing, TOLERANCE)
 
 
 def recorded_scene(bag: Bag) -> Scene:
@@ -73,7 +73,7 @@ def test_whole_trajectories_come_out_again(name: str) -> None:
         if item.topic in comparison.topics:
             side = comparison.replayed if item.replayed else comparison.recorded
             side(item.topic, item.data)
-    topics = comparison.result(TOLERANCE)
+    topics = comparison.result()
     assert all(topic.well for topic in topics), told(topics)
     assert all(topic.same + topic.different >= 100 for topic in topics)
 
@@ -88,7 +88,7 @@ def test_the_failure_says_where_and_by_how_much() -> None:
         if item.topic not in comparison.topics:
             continue
         (comparison.replayed if item.replayed else comparison.recorded)(item.topic, item.data)
-    topics = comparison.result(TOLERANCE)
+    topics = comparison.result()
     assert not all(topic.well for topic in topics)
     assert re.search(r"force_friction: first at \d+ ns, recorded .*, now .*, up to", told(topics))
 
@@ -114,6 +114,6 @@ def test_played_onto_live_topics_the_node_answers_the_same(name: str, tmp_path: 
     for topic, _, data in Bag(again).messages():
         if topic in comparison.topics:
             comparison.replayed(topic, data)
-    topics = comparison.result(TOLERANCE)
+    topics = comparison.result()
     assert all(topic.well for topic in topics), told(topics)
     assert replay.names[STATE_TOPIC] in comparison.topics

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-import time
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,11 @@ from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.errors import RecordingError
+from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.reader import read_run
 from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.ros.cdr_writers import StampedWriter
+from cylconn_ros.ros.comparing import Comparison
 from cylconn_ros.ros.replaying import Replay
 
 Answer = tuple[int, str, str]
@@ -244,31 +247,77 @@ def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None
         Bag(both)
 
 
-def test_memory_holds_a_chunk(tmp_path: Path) -> None:
-    """A bag of many chunks passes through: what is held does not grow with it."""
-    import tracemalloc
-
-    path = tmp_path / "long"
+def long_bag(path: Path, count: int) -> Path:
+    """Poses and twists of so many samples, without outputs."""
     run = simulate(bundled("demo"), 50)
-    bag_topics = [("/body_b/pose", layout.B_POSE, 7), ("/body_b/twist", layout.B_TWIST, 6)]
-    from cylconn_ros.recording.metadata import TopicInfo
-    from cylconn_ros.ros.cdr_writers import StampedWriter
-
+    places = {"/body_b/pose": (layout.B_POSE, 7), "/body_b/twist": (layout.B_TWIST, 6)}
     kinds = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped")
-    topics = [TopicInfo(name, kind) for (name, _, _), kind in zip(bag_topics, kinds, strict=True)]
+    topics = [TopicInfo(name, kind) for name, kind in zip(places, kinds, strict=True)]
+    writers = {name: StampedWriter("world", number) for name, (_, number) in places.items()}
     with RunWriter(path, topics, {}, "none") as writer:
-        for k in range(40_000):
-            for name, at, count in bag_topics:
-                data = StampedWriter("world", count).write(
-                    k * 1_000_000, np.ascontiguousarray(run.states[k % 50, at : at + count])
-                )
-                writer.write(name, data, time.time_ns(), 0)
-    size = next(path.glob("*.mcap")).stat().st_size
-    replay = Replay(Bag(path), bundled("demo"))
-    replay.answering.wanted = lambda _: False
-    tracemalloc.start()
-    answered = sum(item.replayed for item in replay.messages())
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert answered == 2 * 40_000
-    assert peak < 0.6 * size
+        for k in range(count):
+            for name, (at, number) in places.items():
+                values = np.ascontiguousarray(run.states[k % 50, at : at + number])
+                data = writers[name].write(k * 1_000_000, values)
+                writer.write(name, data, k * 1_000_000, 0)
+    return path
+
+
+@pytest.mark.parametrize("way", ["messages", "parts"])
+def test_memory_does_not_grow_with_the_bag(way: str, tmp_path: Path) -> None:
+    """A bag passes through: four times as long, it takes as much."""
+    peaks = []
+    for count in (20_000, 80_000):
+        replay = Replay(Bag(long_bag(tmp_path / str(count), count)), bundled("demo"))
+        replay.answering.wanted = lambda _: False
+        tracemalloc.start()
+        for _ in getattr(replay, way)():
+            pass
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert replay.counts.answers == count
+    assert peaks[1] < 1.3 * peaks[0]
+
+
+def test_rows_are_compared_as_messages_are() -> None:
+    """Some missing, some twice, some different: in one call or message by message."""
+    rng = np.random.default_rng(3)
+    kind, topic = "geometry_msgs/msg/WrenchStamped", "/w"
+    for _ in range(50):
+        stamps = np.sort(rng.choice(60, 40, replace=bool(rng.integers(2)))) * 1000 + 10**9
+        values = rng.normal(size=(40, 6))
+        recorded = StampedWriter("a").rows(stamps, values)
+        values[rng.integers(0, 40, 3), rng.integers(0, 6, 3)] += 1e-3
+        replayed = StampedWriter("a").rows(stamps, values)
+        recorded = np.delete(recorded, rng.integers(0, 40, rng.integers(0, 4)), axis=0)
+        replayed = np.delete(replayed, rng.integers(0, 40, rng.integers(0, 4)), axis=0)
+        one, many = (Comparison({topic: kind}, {}, 1e-5) for _ in range(2))
+        edges = sorted(rng.integers(0, 37, 2).tolist())
+        for old, new in zip(np.split(recorded, edges), np.split(replayed, edges), strict=True):
+            many.both(topic, old, new)
+            for row in old:
+                one.recorded(topic, row.tobytes())
+            for row in new:
+                one.replayed(topic, row.tobytes())
+        assert many.result() == one.result()
+
+
+def test_the_first_beyond_a_tolerance_is_found_however_long_the_bag() -> None:
+    """Differences that grow: within the tolerance at first, in lots of thousands."""
+    kind, topic, count = "geometry_msgs/msg/WrenchStamped", "/w", 10_000
+    stamps = np.arange(count) * 1000
+    values = np.ones((count, 6))
+    recorded = StampedWriter("a").rows(stamps, values)
+    values[:, 2] += 1e-8 * np.arange(count)
+    values[77, 4] = 3.0
+    comparison = Comparison({topic: kind}, {}, 0.5e-4)
+    comparison.both(topic, recorded, StampedWriter("a").rows(stamps, values))
+    (found,) = comparison.result()
+    assert (found.same, found.different) == (1, count - 1)
+    torque, force = found.differences
+    assert (torque.field, torque.first, torque.recorded, torque.replayed) == (
+        "wrench.torque.y", 77_000, 1.0, 3.0,
+    )  # fmt: skip
+    assert force.field == "wrench.force.z"
+    assert 5000 < force.first / 1000 < 5060
+    assert force.worst == pytest.approx(1e-8 * (count - 1))

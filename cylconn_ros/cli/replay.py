@@ -73,7 +73,9 @@ def run(options: argparse.Namespace) -> int:
         if not any(topic in bag.types for topic in kinds):
             raise CommandError(f"{bag.path}: holds no outputs to compare with")
         comparison = Comparison(
-            {topic: kind for topic, kind in kinds.items() if topic in bag.types}, replay.timing
+            {topic: kind for topic, kind in kinds.items() if topic in bag.types},
+            replay.timing,
+            options.tolerance,
         )
     if comparison is None and options.output is None:
         replay.answering.wanted = lambda _: False  # nobody looks at states
@@ -84,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
     _tell(replay, time.perf_counter() - began[0], time.process_time() - began[1])
     well = not bag.damage and replay.counts.answers > 0
     if comparison is not None:
-        well &= _show(comparison.result(options.tolerance), options.tolerance)
+        well &= _show(comparison.result(), options.tolerance)
     if options.output is not None:
         print(f"kept        {options.output}  (next: cylconn info {options.output})")
     elif not options.compare:
@@ -111,7 +113,9 @@ def _go(
         for part in replay.parts():
             progress(replay.bag.done, replay.bag.size)
             if isinstance(part, Stretch):
-                if writer is None and comparison is None:
+                if writer is None:
+                    if comparison is not None:
+                        _compare(replay, part, comparison)
                     continue
                 items = replay.unfold(part)
             else:
@@ -125,6 +129,22 @@ def _go(
     finally:
         if writer is not None:
             writer.close()
+
+
+def _compare(replay: Replay, stretch: Stretch, comparison: Comparison) -> None:
+    """Put the answers of a stretch beside what was recorded in it."""
+    for name, topic in replay.names.items():
+        if topic not in comparison.topics:
+            continue
+        answers, (size, which) = stretch.rows(name), stretch.recorded(topic)
+        if size == answers.shape[1]:
+            comparison.both(topic, stretch.block.rows(which, size), answers)
+            continue
+        for k in which.tolist():
+            (message,) = stretch.block.messages(k, k + 1)
+            comparison.recorded(topic, message.data)
+        for row in answers:
+            comparison.replayed(topic, row.tobytes())
 
 
 def _scene(bag: Bag, options: argparse.Namespace) -> Scene:

@@ -49,6 +49,15 @@ class Stretch:
     def __len__(self) -> int:
         return len(self.stamps)
 
+    def recorded(self, topic: str) -> tuple[int, NDArray[np.int64]]:
+        """Size and numbers of the messages of a topic among them; -1: they differ in size."""
+        numbers = [channel for channel, name in self.topics.items() if name == topic]
+        part = slice(self.begin, self.end)
+        which = self.begin + np.flatnonzero(np.isin(self.block.channel[part], numbers))
+        sizes = self.block.size[which]
+        alike = not len(sizes) or bool((sizes == sizes[0]).all())
+        return int(sizes[0]) if alike and len(sizes) else -1 if len(sizes) else 0, which
+
     def rows(self, name: str) -> NDArray[np.uint8]:
         """(n, bytes) the messages of an output, by its relative name."""
         return self._answering.rows(name, self.stamps, self.outs)
