@@ -81,8 +81,8 @@ def _targets(found: Mapping[str, Any], checked: Checked) -> Iterator[Target]:
     yield Target("wrenches that are not finite", found["not_finite"], 0.0, "",
                  f"of {found['wrenches']}")  # fmt: skip
     yield Target("faults in diagnostics", sum(counted[name] for name in faults), 0.0, "")
-    yield Target("messages lost by the recording", found["recorded"]["messages lost"], 0.0, "",
-                 f"of {found['recorded']['messages recorded']}")  # fmt: skip
+    yield Target("messages lost by the recording", counted["messages lost"], 0.0, "",
+                 f"of {counted['messages recorded']}")  # fmt: skip
     yield Target("samples not in the recording", samples - checked.samples, 0.0, "")
     yield Target("samples that break a law", broken, 0.0, "", f"of {checked.samples}")
     yield Target("memory, growth after the first tenth", _grown(found["memory"], samples), _GROWTH,
@@ -95,7 +95,7 @@ def _measurements(found: Mapping[str, Any], size: int) -> Iterator[Measurement]:
         ("samples", found["samples"], ""),
         ("samples/s", found["samples"] / found["seconds"], "1/s"),
         ("simulators started anew", found["counted"]["restarts"], ""),
-        ("messages recorded", found["recorded"]["messages recorded"], ""),
+        ("messages recorded", found["counted"]["messages recorded"], ""),
         ("recording", size / 1e6, "MB"),
     ):
         yield Measurement("exchange in lock step", "node, recording", quantity, float(value), unit)

@@ -46,14 +46,13 @@ class Messages:
     def _sent(self, row: Row, messages: list[tuple[str, bytes]], counted: str) -> None:
         """Send messages of which none may be answered, and all must be counted."""
         before, wrenches = self.peer.counts(), self.peer.count
-        dropped = self.peer.counts("topics")["dropped messages"]
         for name, data in messages:
             self.peer.publish(name, data)
             self.peer.take(0)
             time.sleep(1e-4)
         after = self.peer.counts()
         found = after[counted] - before[counted]
-        dropped = self.peer.counts("topics")["dropped messages"] - dropped
+        dropped = after["dropped messages"] - before["dropped messages"]
         text = f", {dropped} as dropped" if dropped else ""
         row.say(f"{found} of {len(messages)} counted{text}", sent=len(messages), counted=found)
         row.check(found + dropped == len(messages), "not all are counted")
@@ -171,7 +170,7 @@ class Messages:
         """Ten times the rate of the scene, nobody waiting."""
         row = Row("flood: ten times the rate", "each sample is answered or counted as lost")
         ours, before = self.exchange, self.peer.counts()
-        links, answered = self.peer.counts("topics"), self.peer.count
+        answered = self.peer.count
         seconds = 0.2 if self.quick else 2.0
         begin, sent = time.monotonic(), 0
         while (gone := time.monotonic() - begin) < seconds:
@@ -181,17 +180,17 @@ class Messages:
                 sent += 1
             self.peer.take(0)
         self.peer.hear(0.5)
-        after, lost = self.peer.counts(), self.peer.counts("topics")
+        after = self.peer.counts()
         found = after["samples answered"] - before["samples answered"]
         came = self.peer.count - answered
-        dropped = lost["dropped messages"] - links["dropped messages"]
+        dropped = after["dropped messages"] - before["dropped messages"]
         half = after["incomplete samples"] - before["incomplete samples"]
         row.say(
             f"{sent} sent in {seconds:g} s ({sent / gone:.0f}/s), {found} answered, {came} wrenches"
             f" heard; diagnostics: {dropped} messages dropped, {half} samples incomplete",
             sent=sent, answered=found, lost=sent - found, dropped=dropped,
         )  # fmt: skip
-        row.check(found == came, "answers that nobody heard")
+        row.check(came <= found, "more wrenches than answers")
         row.check(dropped + half == 2 * (sent - found), "messages lost that nobody counted")
         self._goes_on(row)
         return row

@@ -207,11 +207,13 @@ class Peer:
                     return {**values, "level": str(ord(status.level)), "message": status.message}
         return {}
 
-    def counts(self, part: str = "samples") -> dict[str, int]:
-        """The whole numbers of a part, as of a report that is not older than this call."""
+    def counts(self) -> dict[str, int]:
+        """The whole numbers of all parts, as of a report that is not older than this call."""
         known = len(self.reports)
         self.until(lambda: len(self.reports) > known + 1, 10.0)
-        return {k: int(v) for k, v in self.status(part).items() if v.isdigit()}
+        parts = [self.status(part) for part in ("solution", "topics", "recording", "samples")]
+        found = {name: value for part in parts for name, value in part.items()}
+        return {name: int(value) for name, value in found.items() if value.isdigit()}
 
     def close(self) -> None:
         """Leave the graph."""

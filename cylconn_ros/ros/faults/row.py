@@ -87,7 +87,7 @@ class Exchange:
     ----------
         offset, angle: worst violation so far. energy: of the bodies, sample by sample, J.
         unanswered: samples that were sent and waited for in vain.
-        force: greatest force and torque published, N, N.m.
+        force, torque: greatest published, N, N.m. speed: at which the offset changed, m/s.
     """
 
     def __init__(self, peer: Peer) -> None:
@@ -98,6 +98,7 @@ class Exchange:
         self.offset = self.angle = self.force = self.torque = self.speed = 0.0
         self.energy: list[float] = []
         self.sent = self.unanswered = 0
+        self._last: float | None = None  # offset
         self._wrench: Array = np.zeros(6)
 
     @property
@@ -131,8 +132,10 @@ class Exchange:
             self.bodies.step((np.zeros(6), acts), h)
         self.stamp += round(h * 1e9)
         offset, angle = violation(self.bodies.state)
+        if self._last is not None:
+            self.speed = max(self.speed, abs(offset - self._last) / h)
+        self._last = offset
         self.offset, self.angle = max(self.offset, offset), max(self.angle, angle)
-        self.speed = max(self.speed, float(np.linalg.norm(self.bodies.state[21:23])))
         self.energy.append(self.bodies.energy())
 
     def run(self, steps: int) -> None:
@@ -150,6 +153,7 @@ class Exchange:
         """Forget the worst so far."""
         self.offset = self.angle = self.force = self.torque = self.speed = 0.0
         self.energy.clear()
+        self._last = None
 
     def recovered(self) -> float:
         """Seconds from now until a sample is answered again; infinite where none is."""
