@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scenes import bundled
 
@@ -106,13 +106,15 @@ def test_one_changed_byte_is_found(recorded: Path, command: Command, tmp_path: P
     assert command(changed, "--compare", "--tolerance", 1e-12)[0] == 0
 
 
-def odometry_bag(path: Path, uneven: bool) -> None:
+def odometry_bag(
+    path: Path, uneven: bool, steps: int = STEPS, storage: StoragePlugin = StoragePlugin.SQLITE3
+) -> None:
     """Odometry of the sleeve, written by rosbags; uneven: jittered, lossy, late and foreign."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types = store.types
-    run = simulate(bundled("demo"), STEPS)
+    run = simulate(bundled("demo"), steps)
     rng = np.random.default_rng(1)
-    with Writer(path, version=9) as writer:
+    with Writer(path, version=9, storage_plugin=storage) as writer:
         name = "nav_msgs/msg/Odometry"
         sent = writer.add_connection("/robot/sleeve", name, typestore=store)
         other = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)

@@ -25,8 +25,9 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
 from cylconn_ros.recording import blocks, index
-from cylconn_ros.recording.bag import Bag, Message, Topics
+from cylconn_ros.recording.bag import Bag, Message
 from cylconn_ros.recording.blocks import Block, Found
+from cylconn_ros.recording.database import Topics
 from cylconn_ros.ros import alike, stretches
 from cylconn_ros.ros.answering import ODOMETRY, POSE, TWIST, WRENCH
 from cylconn_ros.ros.cdr_writers import JointStateWriter, OdometryWriter, StampedWriter

@@ -52,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="do not estimate preload, overlap or radius; SI units, default: of the parameters",
     )
     parser.add_argument(
+        "--remap",
         "--topic",
+        dest="topic",
         type=_topic,
         action="append",
         default=[],

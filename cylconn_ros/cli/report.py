@@ -82,8 +82,6 @@ def _reduced(found: gather.Gathered) -> Results:
 def _read(path: Path, connector: str) -> Run:
     """Read a run; of a recording without a connector's states, say what makes one of it."""
     elsewhere = f"cylconn replay {path} -o RUN makes a run of a recording of inputs"
-    if path.suffix == ".db3" or (path.is_dir() and any(path.glob("*.db3"))):
-        raise CommandError(f"{path}: is not an MCAP recording; {elsewhere}")
     recorded = read_run(path, connector)
     if "cylconn_ros/msg/ConnectorState" not in recorded.types.values():
         raise CommandError(f"{path}: holds no states of a connector; {elsewhere}")

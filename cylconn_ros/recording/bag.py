@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
-from . import connectors
-from .blocks import Block, Found, of_messages
+from . import connectors, database
+from .blocks import Block
+from .database import Topics
 from .errors import RecordingError
 from .source import Source
 
 SUFFIXES = (".mcap", ".db3")
-
-
-_ROWS = 2000  # of a database that are read at once
 
 
 class Message(NamedTuple):
@@ -30,14 +27,6 @@ class Message(NamedTuple):
     topic: str
     log_time: int
     data: bytes
-
-
-class Topics(dict[int, str]):
-    """Topics by the number of their channel; one that nothing describes has a name, too."""
-
-    def __missing__(self, channel: int) -> str:
-        """Name it."""
-        return f"(channel {channel}, not described)"
 
 
 class Bag:
@@ -89,7 +78,7 @@ class Bag:
         for file, size in zip(self._files, self._sizes, strict=True):
             try:
                 if file.suffix == ".db3":
-                    for topics, block, share in _of_database(file):
+                    for topics, block, share in database.messages(file):
                         self.done = before + int(share * size)
                         yield topics, block
                 else:
@@ -113,9 +102,8 @@ class Bag:
 
     def _look(self, file: Path, size: int) -> None:
         if file.suffix == ".db3":
-            with closing(_database(file)) as database:
-                for name, kind in database.execute("SELECT name, type FROM topics"):
-                    self._add(name, kind)
+            for name, kind in database.topics(file):
+                self._add(name, kind)
             return
         with file.open("rb") as stream:
             source = Source(stream, size)
@@ -159,22 +147,3 @@ def _files(path: Path) -> tuple[list[Path], dict[str, Any]]:
         return files, dict(told.get("custom_data") or {})
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{description}: not metadata of a recording: {error!r}") from error
-
-
-def _database(file: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
-
-
-def _of_database(file: Path) -> Iterator[tuple[Topics, Block, float]]:
-    """Messages of a SQLite recording and the share of them that has been read."""
-    with closing(_database(file)) as database:
-        names = dict(database.execute("SELECT id, name FROM topics"))
-        numbers = {topic: k for k, topic in enumerate(names)}  # of the database: any
-        topics = Topics({k: names[topic] for topic, k in numbers.items()})
-        (count,) = database.execute("SELECT COUNT(*) FROM messages").fetchone()
-        rows = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-        done = 0
-        while part := rows.fetchmany(_ROWS):
-            done += len(part)
-            found = [Found(numbers[topic], time, time, bytes(data)) for topic, time, data in part]
-            yield topics, of_messages(found), done / count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import struct
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,10 +17,11 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
-from . import connectors, schema
+from . import connectors, database, schema
 from .blocks import Block
 from .columns import appended, has_columns, of_block
 from .errors import RecordingError
+from .interfaces import interface
 from .source import Source
 
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -87,7 +89,7 @@ class Run:
 
     Attributes
     ----------
-        path: the MCAP file.
+        path: the recorded file.
         metadata: texts stored with the run (``version``, ``method``, ``parameters``, …).
         parameters: parameters in force, nested as in a scene file; empty if none were stored.
         counts: messages per topic.
@@ -121,6 +123,11 @@ class Run:
         channels = {topic: self._channels[topic] for topic in found.topics.values()
                     if topic in self._channels}  # fmt: skip
         return Run(self.path, found.texts, channels, self.incomplete)
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Topics of a run of ours by the names that one connector alone has."""
+        return connectors.part(self.metadata, "").topics
 
     @property
     def version(self) -> str:
@@ -187,6 +194,8 @@ class Run:
     def _schema(self, topic: str) -> tuple[schema.Schema, str]:
         channel = self._channel(topic)
         name = schema.short_name(channel.type)[0]
+        if not channel.definition:
+            raise RecordingError(f"{topic}: its type {channel.type} is not installed here")
         try:
             return schema.parse(channel.type, channel.definition), name
         except RecordingError as error:
@@ -248,33 +257,56 @@ def read_run(path: Path | str, connector: str = "") -> Run:
         if len(names) != 1:
             raise RecordingError(f"{path}: expected one recorded file, found {len(names)}")
         file = path / names[0]
-    channels: dict[str, _Channel] = {}
     try:
-        with file.open("rb") as stream:
-            _check_ends(file, stream)
-            if make_reader(stream).get_summary() is None:
-                raise RecordingError(f"{file}: has no summary, by which messages are looked up")
-            stream.seek(0)
-            source = Source(stream, file.stat().st_size)
-            counted = [_counted(block) for block in source.blocks()]
-        if source.damage:
-            raise RecordingError(f"{file}: not a readable recording: {source.damage}")
-        for number, channel in sorted(source.channels.items()):
-            kind = source.type_of(number)
-            definition = source.schemas[channel.schema_id].data.decode("utf-8")
-            kept = channels.setdefault(channel.topic, _Channel(kind, definition))
-            kept.numbers.add(number)
-        for block in counted:
-            for number, found in block.items():
-                channels[source.channels[number].topic].add(*found)
+        read = _read_database if file.suffix == database.SUFFIX else _read_file
+        metadata, channels = read(file)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
-    except (McapError, struct.error, ValueError, KeyError) as error:
+    except (McapError, sqlite3.Error, struct.error, ValueError, KeyError) as error:
         raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
-    metadata = source.texts
     run = Run(file, metadata, channels)
     run.incomplete = _disagreement(run, declared)
     return run.only(connector) if connector else run
+
+
+def _read_file(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
+    """Texts and topics of an MCAP file, its messages counted."""
+    with file.open("rb") as stream:
+        _check_ends(file, stream)
+        if make_reader(stream).get_summary() is None:
+            raise RecordingError(f"{file}: has no summary, by which messages are looked up")
+        stream.seek(0)
+        source = Source(stream, file.stat().st_size)
+        counted = [_counted(block) for block in source.blocks()]
+    if source.damage:
+        raise RecordingError(f"{file}: not a readable recording: {source.damage}")
+    channels: dict[str, _Channel] = {}
+    for number, channel in sorted(source.channels.items()):
+        kind = source.type_of(number)
+        definition = source.schemas[channel.schema_id].data.decode("utf-8")
+        kept = channels.setdefault(channel.topic, _Channel(kind, definition))
+        kept.numbers.add(number)
+    for block in counted:
+        for number, found in block.items():
+            channels[source.channels[number].topic].add(*found)
+    return source.texts, channels
+
+
+def _read_database(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
+    """The same of SQLite, which defines no types: those that are installed can be decoded."""
+    file.stat()  # or SQLite says less of what is wrong
+    channels: dict[str, _Channel] = {}
+    topics = database.topics(file)
+    for number, (topic, kind) in enumerate(topics):
+        try:
+            definition = interface(kind).definition
+        except RecordingError:
+            definition = ""
+        channels.setdefault(topic, _Channel(kind, definition)).numbers.add(number)
+    for _, block, _ in database.messages(file):
+        for number, found in _counted(block).items():
+            channels[topics[number][0]].add(*found)
+    return {}, channels
 
 
 def _counted(block: Block) -> dict[int, _Counted]:
@@ -289,6 +321,10 @@ def _counted(block: Block) -> dict[int, _Counted]:
 
 
 def _blocks(file: Path) -> Iterator[Block]:
+    if file.suffix == database.SUFFIX:
+        for _, block, _ in database.messages(file):
+            yield block
+        return
     try:
         with file.open("rb") as stream:
             yield from Source(stream, file.stat().st_size).blocks()

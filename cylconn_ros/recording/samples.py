@@ -48,13 +48,14 @@ def matched(run: Run, scene: Scene, names: Mapping[str, str] | None = None) -> I
     Raises RecordingError for a topic named that is not there, or one of inputs without columns.
     """
     matcher = SampleMatcher(scene)
+    own = {ours: topic for ours, topic in run.names.items() if topic in run.types}
     takers: list[Callable[[int], Matched | None]] = []
     places: list[NDArray[np.int64]] = []  # log time, rank, stream and row of every message
     loads = 0
     for body, name in enumerate(_BODIES):
         for rank, kind in enumerate(("load", "pose", "twist", "odom")):
             ours = f"{name}/{kind}"
-            topic = (names or {}).get(ours)
+            topic = (names or {}).get(ours) or own.get(ours)
             if topic is None:
                 topic = next((t for t in run.types if t.endswith(ours)), None)
             if topic is None:

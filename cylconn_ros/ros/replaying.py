@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cylconn_ros.connector.scene import Scene
-from cylconn_ros.recording.bag import Bag, Topics
+from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.blocks import Block
+from cylconn_ros.recording.database import Topics
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros.answering import COMMAND, OUTPUTS, STATE_TOPIC, Answer, Answering
