@@ -248,3 +248,17 @@ def test_inertias_beyond_rounding_end_too() -> None:
     for was_stick in (False, True):
         found = disc.solve_disc(law_, PAR, problem, was_stick)
         assert np.all(np.isfinite([*found.phi, *found.s_end]))
+
+
+def test_a_held_component_at_rest_does_not_hide_the_other() -> None:
+    """Both held, spin at rest: slide's friction is the limit, in either search."""
+    held = curve.disc_problem(
+        (1.0, 0.0), (6e-15, 0.0), 0.0, 0.0, 0.0, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
+    )
+    for found in (
+        disc.solve_disc(law(0.5), PAR, held, False),
+        disc.solve_otherwise(law(0.5), PAR, held, False),
+        disc.solve_otherwise(law(0.5), PAR, held, True),
+    ):
+        assert found.regime == SLIP
+        assert found.phi == pytest.approx((-5.0, 0.0))

@@ -308,7 +308,8 @@ def last_root(law: Law, par: Array, d: Disc, c: Curve) -> float:
     greatest = limit(law, par, c.size, contact(law, d.base).normal)
     low = 1e-13 * c.l2
     if not _ends(c):
-        low = ROUNDING * (abs(c.b) if c.l2 <= 0.0 else abs(c.a)) / max(greatest, NOTHING)
+        held = abs(c.b) if c.l2 <= 0.0 and c.b != 0.0 else abs(c.a)  # that moves
+        low = ROUNDING * held / max(greatest, NOTHING)
     g_low = _excess(law, par, d, c, low)
     for _ in range(MOST_SEARCHED):
         high = 1.05 * low

@@ -22,6 +22,7 @@ from cylconn_ros.core.friction import Array, contact, limit
 from cylconn_ros.core.linear import Four
 from cylconn_ros.core.observe import Observed
 
+TRIFLE = 1e-15  # of what cancels in a rate
 NAMED, RESTING, SLIDING = 0, 1, 2  # which solution of friction: the rule's, or another
 
 
@@ -117,8 +118,11 @@ def within(
         found = best
         if side1 != 0 or side2 != 0 or which != NAMED:
             found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, which)
-        wrong = _wrong(b1, fixed1, side1, found.end[0], found.reaction[0], sp.s[0])
-        wrong = max(wrong, _wrong(b2, fixed2, side2, found.end[1], found.reaction[1], sp.s[2]))
+        p, q = found.reaction
+        wrong = max(
+            _wrong(b1, fixed1, side1, found.end[0], p * sp.s[0], sp.free[0]),
+            _wrong(b2, fixed2, side2, found.end[1], q * sp.s[2], sp.free[1]),
+        )
         if wrong < least:
             best, best_sides, least = found, (side1, side2), wrong
         if wrong <= 0.0:
@@ -136,14 +140,17 @@ def _offered(b: Bounds, side: int) -> tuple[bool, int]:
 
 
 @inline
-def _wrong(b: Bounds, fixed: bool, side: int, rate: float, reaction: float, s: float) -> float:
-    """By how much, as a rate, a choice breaks its own condition; 0: it does not."""
+def _wrong(b: Bounds, fixed: bool, side: int, rate: float, pushed: float, free: float) -> float:
+    """By how much, as a rate, a choice breaks its own condition; 0: it does not.
+
+    pushed: what the reaction adds to the rate; free: the rate without friction and reactions.
+    """
     if fixed:
         return 0.0
-    slack = 1e-13 * abs(rate)
+    slack = 1e-13 * abs(rate) + TRIFLE * abs(free)
     if side == 0:
         return max(b.low - rate - slack, rate - b.high - slack, 0.0)
-    return max(s * reaction * side, 0.0)
+    return max(pushed * side - slack, 0.0)
 
 
 @jit
