@@ -29,6 +29,26 @@ def installed_prefix() -> Path:
     return Path(str(messages.__file__)).parents[5]
 
 
+@pytest.fixture(scope="session")
+def demo_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo as a recorded run, long enough to come to rest."""
+    from cylconn_ros.cli.main import main
+
+    path = tmp_path_factory.mktemp("report") / "demo"
+    assert main(["simulate", "demo", "--duration", "4", "-o", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def demo_report(demo_recording: Path) -> Path:
+    """Its page."""
+    from cylconn_ros.cli.main import main
+
+    path = demo_recording.with_suffix(".html")
+    assert main(["report", str(demo_recording), "-o", str(path)]) == 0
+    return path
+
+
 @pytest.fixture
 def peer() -> Iterator[Any]:
     """A foreign node on the graph (ros_processes.Peer)."""
