@@ -29,7 +29,7 @@ def test_live_is_closer_than_impulse_and_converges_faster() -> None:
     """The demo in the closed loop: mean forces leave an error of nearly third order."""
     scene = bundled("demo")
     reference = slide_and_spin(scene)
-    periods, errors, stops = [4e-3, 2e-3, 1e-3], [], []
+    periods, errors, stops = [1e-3, 5e-4, 2.5e-4], [], []  # slow turning: one formula
     for h in periods:
         run = simulate(with_period(live(scene), h), round(4.0 / h) + 1)
         errors.append(abs(run.state("displacement")[-1] - reference.distance))
@@ -40,7 +40,7 @@ def test_live_is_closer_than_impulse_and_converges_faster() -> None:
         assert not run.outs[:, layout.STATUS].any()
         assert run.outs[-1, layout.REGIME] == STICK
     plain = simulate(with_period(scene, 1e-3), 4001).state("displacement")[-1]
-    assert errors[-1] < 0.2 * abs(plain - reference.distance)
+    assert errors[0] < 0.2 * abs(plain - reference.distance)
     assert order(periods, errors) > 2.3
     assert order(periods, stops) > 2.3
 

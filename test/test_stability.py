@@ -44,7 +44,6 @@ def verdict(row: str, grade: str, who: str) -> Verdict:
 
 # Promised and not kept yet. Whoever mends one of these takes it out.
 SHORT = {
-    ("spin ω h, tumbling", "0.5"),  # offset 19 mm; arms of 0.2 m, an error of (ω h)³
     ("twist too large, %", "100"),  # a method that relies on its rates
     ("twist too small, %", "100"),
 }
@@ -62,20 +61,16 @@ def test_the_default_method_survives(row: str) -> None:
     assert lost <= SHORT | OUTSIDE, [verdict(*where, "impulse").reason for where in lost]
 
 
-# Dissipative is promised there. What is measured instead:
-GROWTH = {("spin ω h, tumbling", "1"): 1.02, ("spin ω h, tumbling", "2"): 1.3}
-
-
 @pytest.mark.parametrize("grade", ["1", "2"])
 @pytest.mark.parametrize("row", ["spin ω h, on a shaft", "spin ω h, tumbling"])
-def test_beyond_half_a_radian_a_sample_it_says_so_and_stays_bounded(row: str, grade: str) -> None:
+def test_beyond_half_a_radian_a_sample_it_says_so_and_only_loses(row: str, grade: str) -> None:
     scene = CASES[row, grade].scene
     run = simulate(scene, round(scene.plant.duration / scene.period))
     flags = run.outs[:, layout.FLAGS].astype(int)
     assert (flags & layout.UNDERSAMPLED).any()
     assert np.isfinite(run.outs).all()
     kinetic, _ = judge.energies(scene, run.states)
-    assert kinetic.max() <= GROWTH.get((row, grade), 1.01) * kinetic[0]
+    assert kinetic.max() <= (1.0 + 1e-9) * kinetic[0]
 
 
 def test_slow_spin_is_not_said_to_be_undersampled() -> None:

@@ -100,6 +100,16 @@ def _orientation(par: Array, mem: Array, a: Motion, b: Motion) -> Quaternion:
 
 
 @inline
+def violation(mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Four:
+    """The constraint's error in another place, once there is a reference configuration."""
+    f = frame(nodes, a, b)
+    axes_a = multiply(a.orientation, nodes.a_axes)
+    axes_b = multiply(b.orientation, model.quaternion(mem, model.AXES_B))
+    _, swing, _, _ = _swung(nodes, orientation_in(axes_a, axes_b))
+    return _error(mem, into(f.axes, f.d), swing)
+
+
+@inline
 def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     """Measure the connector; write the kinematic part of ``out``; keep reference, turns and work.
 

@@ -16,11 +16,12 @@ from cylconn_ros.core import layout
 from cylconn_ros.laws.balance import balance, driven, parts, sums
 from cylconn_ros.laws.by_sample import multiplied, regularised, springs
 from cylconn_ros.laws.claims import claimed
+from cylconn_ros.laws.foreseen import begin
 from cylconn_ros.laws.observed import Observed, observe
 from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.laws.residual import Block, ratio, worst
 from cylconn_ros.laws.slip import friction_laws
-from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, begin, by_wrench, reaction_size
+from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, by_wrench, reaction_size
 from cylconn_ros.laws.stops import bounds_of, stops
 
 Array = NDArray[np.float64]

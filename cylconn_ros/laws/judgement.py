@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.bounds import Bounds, stop_sides
+from cylconn_ros.laws.foreseen import begin
 from cylconn_ros.laws.observed import Observed, observe
 from cylconn_ros.laws.parameters import Bools, Parameters, Table
 from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.residual import Block
 from cylconn_ros.laws.roots import least_traction, named, nearest_to_stick
-from cylconn_ros.laws.step import AVAILABLE, Step, begin
+from cylconn_ros.laws.step import AVAILABLE, Step
 from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]

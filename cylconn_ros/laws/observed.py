@@ -110,6 +110,8 @@ class Observed(Rows):
     error_size: Array
     target: Array  # (n, 4) of y, z and both swings
     swing: Array  # (n, 4) S as a quaternion: takes e1a to where e1b is held
+    axes_b: Array  # (n, 4) node b's axes in body B
+    total: Array  # (n, 2) f1, m1 of the last answer
     held: Array  # (n, 2) the place that stick holds, here or before
     holding: Bools  # stuck at the last sample: a place is held
     new_hold: Bools  # here: nothing to bring back yet
@@ -172,8 +174,7 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
     f = frame(p, a, b, swing)
     w, _ = relative(f, a.velocity, a.spin, b.velocity, b.spin)
     _, w_size = relative(f, a.velocity_size, a.spin, b.velocity_size, b.spin)
-    d = rigid.into(f.axes, f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node))
-    far = rigid.into(np.abs(f.axes), f.arm_a_size)
+    d, far = _position(p, a, f)
     rest = rigid.multiply(rigid.conjugate(swing), seen)  # what is left of b's orientation from S on
     angle = rigid.twist_angle(rest)
     predicted = past.angle + 0.5 * past.period * (past.spin + w[:, 3])
@@ -198,6 +199,8 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
         error_size=np.concatenate([far[:, 1:], 2.0 * ones], axis=1) + np.abs(target),
         target=target,
         swing=swing,
+        axes_b=_axes_b(p, a, b, past),
+        total=past.total,
         held=np.where(new_hold, place, past.held),
         holding=past.stuck >= 1.0,
         new_hold=past.stuck <= 1.0,
@@ -205,9 +208,20 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
     )
 
 
-def axes_in_b(p: Parameters, o: Observed, past: History) -> Array:
-    """(n, 4) node b's axes in body B."""
-    return _axes_b(p, o.a, o.b, past)
+def _position(p: Parameters, a: Motion, f: Frame) -> tuple[Array, Array]:
+    """(n, 3) l, y, z and their sizes."""
+    d = rigid.into(f.axes, f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node))
+    return d, rigid.into(np.abs(f.axes), f.arm_a_size)
+
+
+def violation(p: Parameters, a: Motion, b: Motion, f: Frame, o: Observed) -> tuple[Array, Array]:
+    """(n, 4) the constraint's error in another place than that of ``o``, and its size."""
+    d, far = _position(p, a, f)
+    axes = rigid.multiply(rigid.multiply(a.orientation, p.axes_a), o.swing)
+    rest = rigid.multiply(rigid.conjugate(axes), rigid.multiply(b.orientation, o.axes_b))
+    error = np.concatenate([d[:, 1:] - o.target[:, :2], -rigid.swing(rest)], axis=1)
+    size = np.concatenate([far[:, 1:], np.full((len(d), 2), 2.0)], axis=1)
+    return error, size + np.abs(o.target)
 
 
 def _axes_b(p: Parameters, a: Motion, b: Motion, past: History) -> Array:
@@ -229,7 +243,7 @@ def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
         past,
         started=np.ones_like(past.started),
         target=o.target,
-        axes_b=axes_in_b(p, o, past),
+        axes_b=o.axes_b,
         start=o.start,
         stuck=np.where(stick, past.stuck + 1.0, 0.0),
         held=o.held,

@@ -23,7 +23,7 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.balance import received
-from cylconn_ros.laws.observed import Motion, axes_in_b, motion, no_history, observe
+from cylconn_ros.laws.observed import Motion, motion, no_history, observe
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def scenes() -> dict[str, dict[str, Any]]:
         "body_b": {"mass": 2.0, "inertia": [2.0 * x for x in skew], "com": [0.02, 0.01, -0.01]},
         "node_a": {"orientation": [0.0, 0.1, 0.0, 0.99]},
         "friction": friction,
-        "start": {"slide": 1.5, "spin": 40.0, "turning": [0.0, 0.0, 0.0]},
+        "start": {"slide": 1.5, "spin": 20.0, "turning": [0.0, 0.0, 0.0]},
     }
     pair: dict[str, Any] = {
         "gravity": [0.0, 0.0, 0.0],
@@ -128,7 +128,7 @@ def closed_loop(values: dict[str, Any], period: float) -> tuple[float, float, fl
     sample = start(p, values["start"])
     past = no_history(1)
     first = observe(p, sample, past)
-    past = dataclasses.replace(past, axes_b=axes_in_b(p, first, past), start=first.start)
+    past = dataclasses.replace(past, axes_b=first.axes_b, start=first.start)
     past = dataclasses.replace(past, started=np.array([True]), target=first.target)
     position, rate, angle = 0.0, 0.0, 0.0
     phi: Array = np.zeros(2)

@@ -24,7 +24,7 @@ from cylconn_ros.laws.chance import Random, generator
 from cylconn_ros.laws.observed import History, no_history, observe, remember
 from cylconn_ros.laws.parameters import parameters_of, tables_of
 from cylconn_ros.laws.residual import Block
-from cylconn_ros.laws.step import begin
+from cylconn_ros.laws.step import frozen
 from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def blocks(
     states.load(rng, p, sample, names)
     past = no_history(len(of))
     for _ in range(60):  # what speeds and loads carry out of reach is slowed down
-        rows = states.out_of_reach(p, begin(p, observe(p, sample, past), sample))
+        rows = states.out_of_reach(p, frozen(p, observe(p, sample, past), sample))
         sample[np.ix_(rows, MOVING)] *= 0.5
     connectors = [make(scene) for scene in scenes]
     memory = [connector.memory for connector in connectors for _ in range(CHAINS)]
@@ -107,7 +107,7 @@ def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, Hi
     d, d_size = elastic.after(p, o, block.past, out)
     past = after(p, o, remember(p, o, block.past, out), b, out)
     past = dataclasses.replace(past, elastic=d, elastic_size=d_size)
-    s = begin(p, o, sample)
+    s = frozen(p, o, sample)
     moved = sample.copy()
     for body, m, half, inverse, gain, at, wrench in (
         (p.a, o.a, s.half_a, s.inverse_a, s.gain_a, layout.A_POSE, layout.FORCE_A),
@@ -130,7 +130,7 @@ def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, Hi
     states.load(rng, p, fresh, names)
     change = rng.random(len(moved)) < 0.25
     moved[change, layout.LOADS] = fresh[change, layout.LOADS]
-    far = states.out_of_reach(p, begin(p, observe(p, moved, past), moved))
+    far = states.out_of_reach(p, frozen(p, observe(p, moved, past), moved))
     moved[far] = sample[far]
     return moved, past
 

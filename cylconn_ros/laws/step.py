@@ -21,6 +21,7 @@ from cylconn_ros.laws.parameters import Bodies, Parameters, Rows, world
 Array = NDArray[np.float64]
 CONSTRAINED = [1, 2, 4, 5]  # rows of w: y, z and both swings
 AVAILABLE = [0, 3]  # slide and spin
+MOST_TURNS = 0.6  # |w| h up to which the constraint is asked for at the end of the step
 
 
 @dataclasses.dataclass
@@ -59,7 +60,7 @@ def _column(x: NDArray[Any]) -> NDArray[Any]:
     return x[:, None]
 
 
-def _euler(
+def euler(
     body: Bodies, orientation: Array, spin: Array, spin_size: Array, torque: Array, size: Array
 ) -> tuple[Array, Array]:
     """(n, 3) dw/dt of I dw/dt = torque - w x I w, world axes, and its size."""
@@ -83,10 +84,10 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
     acceleration = np.where(free, p.gravity + _column(body.inverse_mass) * force, 0.0)
     half = rigid.turned(m.orientation, 0.5 * h * m.spin)
     spin, none = np.abs(m.spin), np.zeros_like(torque)
-    start, start_size = _euler(body, m.orientation, m.spin, spin, none, none)
+    start, start_size = euler(body, m.orientation, m.spin, spin, none, none)
     spins = m.spin + 0.5 * h * start, spin + 0.5 * h * start_size
-    middle = _euler(body, half, *spins, torque, size)
-    frozen = _euler(body, m.orientation, m.spin, spin, torque, size)
+    middle = euler(body, half, *spins, torque, size)
+    frozen = euler(body, m.orientation, m.spin, spin, torque, size)
     turn, turn_size = (
         np.where(free, np.where(explicit, one, other), 0.0)
         for one, other in zip(frozen, middle, strict=True)
@@ -104,8 +105,8 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
     return _Free(there, half, h * acceleration, h * turn, h * turn_size)
 
 
-def begin(p: Parameters, o: Observed, sample: Array) -> Step:
-    """All that the laws of a step need besides its wrench. sample: (n, NSAMPLE)."""
+def frozen(p: Parameters, o: Observed, sample: Array) -> Step:
+    """The step by q^ = q + h v; where turning is fast, its target is not yet the one asked for."""
     loads_a = sample[:, layout.A_LOAD : layout.B_LOAD]
     loads_b = sample[:, layout.B_LOAD : layout.NSAMPLE]
     a, b = _free_step(p, p.a, o.a, loads_a), _free_step(p, p.b, o.b, loads_b)
@@ -115,14 +116,17 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
     _, gain_size = relative(acting, a.gain, a.turn_size, b.gain, b.turn_size)
     ahead = frame(p, _ahead(p, o.a), _ahead(p, o.b), o.swing)
     there, there_size = _of_motion(ahead, o)
-    exact = _column(~p.explicit).astype(np.float64)
+    both = p.h * np.minimum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
+    exact = _column(~p.explicit & ~(both > MOST_TURNS)).astype(np.float64)
+    keep_place = 0.5 * _column(~p.explicit).astype(np.float64)
     keep = 0.5 * exact
     bracket, bracket_size = exact * (there - still), exact * (there_size + still_size)
     h = _column(p.h)
-    back_in, back_in_size = pulled(o, p.h, _pull_in(p, o))
-    back = np.where(_column(o.holding), (o.place - o.held) / h + keep * o.w[:, AVAILABLE], 0.0)
+    back_in, back_in_size = pulled(o, p.h, pull_in(p, o))
+    back = (o.place - o.held) / h + keep_place * o.w[:, AVAILABLE]
+    back = np.where(_column(o.holding), back, 0.0)
     away = np.where(_column(o.new_hold), 0.0, o.place_size + np.abs(o.held))
-    back_size = away / h + keep * o.w_size[:, AVAILABLE]
+    back_size = away / h + keep_place * o.w_size[:, AVAILABLE]
     return Step(
         frame=acting,
         half_a=a.half,
@@ -157,14 +161,14 @@ def _ahead(p: Parameters, m: Motion) -> Motion:
     return Motion(m.com + h * m.velocity, turned, m.velocity, m.spin, size, m.velocity_size)
 
 
-def _pull_in(p: Parameters, o: Observed) -> tuple[Array, Array]:
+def pull_in(p: Parameters, o: Observed) -> tuple[Array, Array]:
     """(n,) at most how fast offsets and swings are brought back.
 
     To the pull-in speed comes what a step's own error needs, (|w| h)^2 |w|, of the arms for
     offsets; from |w| h = 0.5 on less, from 0.75 on nothing.
     """
     spin = np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
-    own = np.clip(3.0 - 4.0 * spin * p.h, 0.0, 1.0) * (spin * p.h) ** 2 * spin
+    own = np.clip(6.0 - 10.0 * spin * p.h, 0.0, 1.0) * (spin * p.h) ** 2 * spin
     arms = rigid.norm(o.frame.arm_a) + rigid.norm(o.frame.arm_b)
     return p.pull_in_speed + own * arms, p.pull_in_rate + own
 
@@ -192,7 +196,7 @@ def accelerations(p: Parameters, o: Observed, sample: Array) -> tuple[Array, Arr
         torque = load[:, 3:] - np.cross(arm, load[:, :3])
         size = np.abs(load[:, 3:]) + rigid.cross_size(arm, load[:, :3])
         push = _column(body.inverse_mass) * load[:, :3]
-        turn, turn_size = _euler(body, m.orientation, m.spin, np.abs(m.spin), torque, size)
+        turn, turn_size = euler(body, m.orientation, m.spin, np.abs(m.spin), torque, size)
         values += [np.where(free, p.gravity + push, 0.0), np.where(free, turn, 0.0)]
         sizes += [np.where(free, np.abs(p.gravity) + np.abs(push), 0.0)]
         sizes += [np.where(free, turn_size, 0.0)]

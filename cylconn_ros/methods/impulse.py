@@ -16,6 +16,8 @@ Only the wrench goes out, and positions are measured at the next sample: e the c
 q^ = q + h v
 
     exact plant          w+_c = -e/h - J(q)v_c/2 - [(J(q^) - J~) v]_c       deadbeat, second order
+      fast turning       the same asked of the end foreseen                 methods/foreseen.py
+      faster still       w+_c = -e/h                                        dissipative
     semi-implicit plant  w+_c = -e/h, all in the configuration q
 
 The bracket takes J~v+ to the end of the step; the available components carry it too, so that s+ is
@@ -51,7 +53,8 @@ from cylconn_ros.core.vectors import (
     turned,
 )
 from cylconn_ros.methods.available import Available, available, report
-from cylconn_ros.methods.sides import Reduced
+from cylconn_ros.methods.foreseen import GAIN, MOST_TURNS, PASSES, TURNS, end_of
+from cylconn_ros.methods.sides import Reduced, reactions
 
 UNDERSAMPLED_ABOVE = 0.5  # |w| h
 ROUNDING = 4e-16  # a relative error that counts as none
@@ -125,12 +128,13 @@ class Step(NamedTuple):
 
 
 @inline
-def frozen(par: Array, sample: Array, o: Observed, h: float) -> Step:
+def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float) -> Step:
     """q~, vf, the inertia that the wrench meets, and the constraint eliminated."""
     body_a, body_b = o.body_a, o.body_b
     explicit = model.output(par).semi_implicit
     flags = o.flags
-    if max(norm(o.a.spin), norm(o.b.spin)) * h > UNDERSAMPLED_ABOVE:
+    turn = max(norm(o.a.spin), norm(o.b.spin)) * h
+    if turn > UNDERSAMPLED_ABOVE:
         flags |= out_at.UNDERSAMPLED
     free_a = _loaded(par, body_a, o.a, sample, out_at.A_LOAD, h, explicit)
     free_b = _loaded(par, body_b, o.b, sample, out_at.B_LOAD, h, explicit)
@@ -143,13 +147,49 @@ def frozen(par: Array, sample: Array, o: Observed, h: float) -> Step:
         f.swing,
     )
     wf = relative_twist(f, free_a.end, free_b.end)
-    turning = _turning(o.nodes, f, o, h, explicit)
-    target, far = _target(par, o, turning, h, explicit)
+    coarse = explicit or min(norm(o.a.spin), norm(o.b.spin)) * h > MOST_TURNS
+    turning = _turning(o.nodes, f, o, h, coarse)
+    target, far = _target(par, o, turning, h, coarse)
+    reduced = eliminated(g, wf, turning, target, h)
+    if TURNS < turn < MOST_TURNS and not explicit and not model.output(par).held_in_body:
+        turning, target, reduced, far = _foreseen(
+            par, mem, sample, o, f, g, wf, turning, target, reduced, far, h
+        )
     if far:
         flags |= out_at.MISALIGNED
-    return Step(
-        free_a, free_b, f, g, wf, turning, target, eliminated(g, wf, turning, target, h), flags
-    )
+    return Step(free_a, free_b, f, g, wf, turning, target, reduced, flags)
+
+
+@jit
+def _foreseen(
+    par: Array, mem: Array, sample: Array, o: Observed, f: Frame, g: Inertia, wf: Twist,
+    turning: Twist, target: Four, r: Reduced, far: bool, h: float,
+) -> tuple[Twist, Four, Reduced, bool]:  # fmt: skip
+    """Bracket, target and what follows from them, for the end foreseen: methods/foreseen.py."""
+    f1, m1 = mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1]
+    limits, share = _limits(par, o, h), 1.0 / (1.0 + 0.5 * GAIN)
+    for _ in range(PASSES):
+        c = reactions(r, f1, m1)
+        end = end_of(par, mem, sample, o, f, (f1, c[0], c[1]), (m1, c[2], c[3]), h)
+        if not end.known:
+            break
+        v1 = r.free[0] - turning.v[0] + r.a[0] * f1 + r.a[1] * m1
+        w1 = r.free[1] - turning.w[0] + r.a[1] * f1 + r.a[2] * m1
+        v, w, e = end.twist.v, end.twist.w, end.error
+        turning = Twist(
+            (v[0] - v1, v[1] - target[0], v[2] - target[1]),
+            (w[0] - w1, w[1] - target[2], w[2] - target[3]),
+        )
+        y, z, far_offset = pulled(GAIN * e[0], GAIN * e[1], h, limits[0])
+        p2, p3, far_angle = pulled(GAIN * e[2], GAIN * e[3], h, limits[1])
+        target = (
+            target[0] - share * (v[1] - y),
+            target[1] - share * (v[2] - z),
+            target[2] - share * (w[1] - p2),
+            target[3] - share * (w[2] - p3),
+        )
+        r, far = eliminated(g, wf, turning, target, h), far_offset or far_angle
+    return turning, target, r, far
 
 
 @inline
@@ -178,7 +218,7 @@ def answer(
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
-    s = frozen(par, sample, o, h)
+    s = frozen(par, mem, sample, o, h)
     av = available(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
     return answer(par, mem, out, o, s, av, h)
 
@@ -195,9 +235,9 @@ def _loaded(
 
 
 @inline
-def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> Twist:
+def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, coarse: bool) -> Twist:
     """(J(q^) - J~) v: what the geometry adds to J~v+ until the end of the step."""
-    if explicit:
+    if coarse:
         return Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     a, b = _ahead(o.a, h), _ahead(o.b, h)
     there = relative_twist(frame(nodes, a, b), a, b)
@@ -206,14 +246,13 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, explicit: bool) -> T
 
 
 @inline
-def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -> tuple[Four, bool]:
+def _target(par: Array, o: Observed, turning: Twist, h: float, coarse: bool) -> tuple[Four, bool]:
     """target_c, and whether an error is being pulled in at its bounded speed."""
     e, w = o.error, o.twist
-    own = _own_rate(o, h)
-    arms = norm(o.frame.arm_a) + norm(o.frame.arm_b)
-    y, z, far_offset = pulled(e[0], e[1], h, par[model.PULL_IN] + own * arms)
-    p2, p3, far_angle = pulled(e[2], e[3], h, par[model.PULL_IN + 1] + own)
-    keep = 0.0 if explicit else 0.5
+    limits = _limits(par, o, h)
+    y, z, far_offset = pulled(e[0], e[1], h, limits[0])
+    p2, p3, far_angle = pulled(e[2], e[3], h, limits[1])
+    keep = 0.0 if coarse else 0.5
     target = (
         y - keep * w.v[1] - turning.v[1],
         z - keep * w.v[2] - turning.v[2],
@@ -224,6 +263,14 @@ def _target(par: Array, o: Observed, turning: Twist, h: float, explicit: bool) -
 
 
 @inline
+def _limits(par: Array, o: Observed, h: float) -> tuple[float, float]:
+    """The greatest speed of offsets and rate of swings at which a violation is removed."""
+    own = _own_rate(o, h)
+    arms = norm(o.frame.arm_a) + norm(o.frame.arm_b)
+    return par[model.PULL_IN] + own * arms, par[model.PULL_IN + 1] + own
+
+
+@inline
 def _own_rate(o: Observed, h: float) -> float:
     """The rate at which a step's own error, up to (|w| h)^3 of the arms, is to be removed.
 
@@ -231,7 +278,7 @@ def _own_rate(o: Observed, h: float) -> float:
     """
     spin = max(norm(o.a.spin), norm(o.b.spin))
     turn = spin * h
-    held = min(max(3.0 - 4.0 * turn, 0.0), 1.0)  # from |w| h = 0.5 to 0.75
+    held = min(max(6.0 - 10.0 * turn, 0.0), 1.0)  # from |w| h = 0.5 to 0.6
     return held * turn * turn * spin
 
 
