@@ -71,6 +71,11 @@ class Connector:
         self._mem[model.IMPOSED_AT + k] = math.nan
 
     @property
+    def par(self) -> Array:
+        """The scene in numbers, with what is imposed (core/model.py)."""
+        return self._par
+
+    @property
     def memory(self) -> Array:
         """(NMEM,) a copy of all that is remembered; assign one to go back to it."""
         return self._mem.copy()
@@ -96,10 +101,14 @@ class Connector:
         """
         if out is None:
             out = np.empty(layout.NOUT)
+        self._steps.step(self._method, self._par, self._mem, sample, self.begin(h), out)
+        return out
+
+    def begin(self, h: float) -> float:
+        """The period of the step to come, where the last one has taken ``h`` (0: a period)."""
         if h > 0.0 and self._mem[model.LAST_PERIOD] > 0.0:
             self._mem[model.LAST_PERIOD] = h
-        self._steps.step(self._method, self._par, self._mem, sample, self._period or h, out)
-        return out
+        return self._period or h
 
     def run(self, samples: Array) -> Array:
         """Answer (N, NSAMPLE) samples in order: (N, NOUT). The scene's period must not be 0."""

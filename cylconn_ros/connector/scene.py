@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from cylconn_ros.connector import many, scene_file, scene_rules
+from cylconn_ros.connector import common, many, scene_file, scene_rules
 from cylconn_ros.connector.installed import shipped
 from cylconn_ros.connector.parameters import (
     Parameter,
@@ -239,6 +239,7 @@ def several(parameters: Mapping[str, Any]) -> dict[str, Scene]:
             scenes[name] = Scene.from_parameters(given)
         except SceneError as error:
             raise SceneError(f"{name}.{error}" if name else str(error)) from None
+    common.check(scenes)
     return scenes
 
 

@@ -1,0 +1,299 @@
+"""Connectors that share bodies, solved together at the same sample.
+
+Let Lambda_c be the wrench of connector c and w_c+ the relative twist at its node b at the end of
+the step. All of them move the bodies:
+
+    v+ = vf + h M^-1 sum_d J~_d^T Lambda_d        w_c+ = J~_c vf + h sum_d G_cd Lambda_d
+    G_cd = J~_c M^-1 J~_d^T
+
+The constrained rows of all (y, z and both swings of each) have the targets that each alone has:
+
+    R = P (b - G_ra phi)        R: f2 f3 m2 m3 of all; phi: f1 m1 of all; b = (target - J~ vf)/h
+
+P gives the least-norm solution (core/redundant.py) in the metric sum f^2 + (m / arm)^2: where
+connectors hold a body more often than needed, the reactions are the smallest that do. What is left
+for each is the step of methods/available.py with its 2x2 disc, in which the others' phi stands on
+the right. They are solved in turns until nothing changes (block Gauss-Seidel).
+
+Where several stick, what each of them bears may be open, too. It is then again the least, with
+friction counted as f1^2 + (m1 / R)^2, if every disc admits it; else as the turns have found it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector import common
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.parameters import SceneError
+from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout, model
+from cylconn_ros.core.fixed_point import Sooner
+from cylconn_ros.core.redundant import least, least_norm, null_space
+from cylconn_ros.methods import together
+
+Array = NDArray[np.float64]
+
+MOST_TURNS = 200
+SETTLED = 1e-13  # change of forces in a turn, over their size, that counts as none
+_SAME_MOTION = 1e-9  # the same for a split of friction that is tried
+_MOVABLE = 1e-9  # of what a unit force does to its component alone; below it others hold it
+_CONSTRAINED, _AVAILABLE = (1, 2, 4, 5), (0, 3)  # rows of a relative twist
+
+
+class Group:
+    """Connectors answered together, one sample after the other.
+
+    Attributes
+    ----------
+        connectors: in the order of the scenes; their memories are the group's.
+        turns: how many the last sample took. change: of the forces in the last of them, over their
+        size; it is part of every ``residual``.
+
+    One alone is answered by :meth:`Connector.step` itself. Raises SceneError where scenes disagree
+    about a body that they share, or cannot be solved together.
+    """
+
+    def __init__(
+        self, scenes: Sequence[Scene], connectors: Sequence[Connector] | None = None
+    ) -> None:
+        """``connectors``: of the scenes, to go on with their memories; by default new ones."""
+        named = {f"connectors[{k}]": scene for k, scene in enumerate(scenes)}
+        common.check(named)
+        if len(common.groups(named)) > 1:
+            raise SceneError("connectors of a group must have bodies in common")
+        self.connectors = list(connectors or [Connector(scene) for scene in scenes])
+        self.turns, self.change = 0, 0.0
+        n = len(scenes)
+        self._rows = np.array([6 * c + k for c in range(n) for k in _CONSTRAINED])
+        self._columns = np.array([6 * c + k for c in range(n) for k in _AVAILABLE])
+        frames = [body.frame for scene in scenes for body in scene.bodies if body.kind == "free"]
+        self._bodies = list(dict.fromkeys(frames))
+        self._places = [
+            [self._bodies.index(b.frame) if b.kind == "free" else -1 for b in scene.bodies]
+            for scene in scenes
+        ]
+        self._arms = np.array([a for s in scenes for a in (1.0, 1.0, *[arm(s)] * 2)])
+        self._radii = np.array([a for s in scenes for a in (1.0, _radius(s))])
+        self._masses = {b.frame: b.mass for s in scenes for b in s.bodies if b.kind == "free"}
+        self._looked = np.zeros((n, together.NLOOKED))
+        self._given = np.zeros((n, together.NGIVEN))
+        self._trial = np.zeros((n, layout.NOUT))
+        self._phi = np.zeros(2 * n)  # f1, m1 of all
+
+    def reset(self) -> None:
+        """Forget the reference configuration and all history."""
+        for connector in self.connectors:
+            connector.reset()
+        self._phi[:] = 0.0
+
+    def step(self, samples: Array, h: float = 0.0, outs: Array | None = None) -> Array:
+        """Answer a sample of each: (N, NSAMPLE) of one stamp to (N, NOUT), as Connector.step does.
+
+        What samples say of a shared body must be the same. Where one cannot be used all wrenches
+        are zero, and ``STATUS`` of those that could be is that of the first that cannot.
+        """
+        if outs is None:
+            outs = np.empty((len(self.connectors), layout.NOUT))
+        if len(self.connectors) == 1:
+            self.connectors[0].step(samples[0], h, outs[0])
+            return outs
+        h = min(connector.begin(h) for connector in self.connectors)  # of all the same
+        for k, connector in enumerate(self.connectors):
+            status = together.look(
+                connector.par, connector.memory, samples[k], h, outs[k], self._looked[k]
+            )
+            if status != layout.OK:
+                outs[:] = 0.0
+                outs[:, layout.STATUS] = status
+                return outs
+        step = _Step(self, samples, h)
+        phi = step.settle(self._phi.copy())
+        phi = step.share(phi)
+        statuses = step.answer(phi, outs)
+        self.turns, self.change = step.turns, step.change
+        self._phi = phi
+        if any(statuses):
+            self.reset()
+            outs[:] = 0.0
+            outs[:, layout.STATUS] = layout.NOT_FINITE
+        return outs
+
+
+def arm(scene: Scene) -> float:
+    """The arm by which a moment counts as a force, m: half the overlap, else the radius.
+
+    Without both the radius of gyration of its lightest free body.
+    """
+    if scene.friction.overlap > 0.0:
+        return 0.5 * scene.friction.overlap
+    if scene.friction.radius > 0.0:
+        return scene.friction.radius
+    free = min((b for b in scene.bodies if b.kind == "free"), key=lambda b: b.mass, default=None)
+    if free is None:
+        return 1.0
+    ixx, _, _, iyy, _, izz = free.inertia
+    return float(np.sqrt((ixx + iyy + izz) / (3.0 * free.mass)))
+
+
+def _radius(scene: Scene) -> float:
+    return scene.friction.radius if scene.friction.radius > 0.0 else arm(scene)
+
+
+class _Step:
+    """One sample of a group: the equations, and what has been found so far."""
+
+    def __init__(self, group: Group, samples: Array, h: float) -> None:
+        self._group, self._samples, self._h = group, samples, h
+        self._memory = [connector.memory for connector in group.connectors]
+        self._scratch = np.empty(model.NMEM)
+        self.turns, self.change = 0, 0.0
+        looked, rows, columns = group._looked, group._rows, group._columns
+        self.g = _delassus(group)
+        free = looked[:, together.FREE : together.FREE + 6].ravel()
+        turning = looked[:, together.TURNING : together.TURNING + 6].ravel()
+        target = looked[:, together.TARGET : together.TARGET + 4].ravel()
+        solve = least_norm(self.g[np.ix_(rows, rows)], group._arms)
+        self._free, self._target = free, target
+        self._base = solve @ ((target - free[rows]) / h)
+        across = self.g[np.ix_(rows, columns)]
+        self._by = -solve @ across
+        self._slip = (free + turning)[columns] + h * across.T @ self._base
+        own = self.g[np.ix_(columns, columns)]
+        self._a = h * (own + across.T @ self._by)
+        least_own = h * _MOVABLE * np.diag(own)
+        k = np.arange(len(columns))
+        self._a[k, k] = np.maximum(np.diag(self._a), least_own)
+
+    def reactions(self, phi: Array) -> Array:
+        """R for the forces on slide and spin, (4 N,)."""
+        found: Array = self._base + self._by @ phi
+        return found
+
+    def _give(self, c: int, phi: Array) -> Array:
+        """What is left for connector c, the others' forces being what they are."""
+        given = self._group._given[c]
+        r, s = slice(4 * c, 4 * c + 4), slice(2 * c, 2 * c + 2)
+        own_by, own_a = self._by[r, s], self._a[s, s]
+        given[together.BASE : together.BY_F1] = self.reactions(phi)[r] - own_by @ phi[s]
+        given[together.BY_F1 : together.BY_M1] = own_by[:, 0]
+        given[together.BY_M1 : together.FREE_SLIP] = own_by[:, 1]
+        given[together.FREE_SLIP : together.A] = self._slip[s] + self._a[s] @ phi - own_a @ phi[s]
+        given[together.A : together.NGIVEN] = own_a[0, 0], own_a[0, 1], own_a[1, 1]
+        return given
+
+    def _try(self, c: int, phi: Array) -> None:
+        """Solve for connector c; its forces into ``phi``."""
+        scratch = self._scratch
+        scratch[:] = self._memory[c]
+        par, sample = self._group.connectors[c].par, self._samples[c]
+        together.answer(par, scratch, sample, self._h, self._give(c, phi), self._group._trial[c])
+        phi[2 * c : 2 * c + 2] = scratch[model.LAST_TOTAL : model.LAST_TOTAL + 2]
+
+    def settle(self, phi: Array, most: int = MOST_TURNS) -> Array:
+        """Solve in turns from ``phi`` until nothing changes; (2 N,)."""
+        group, radii = self._group, self._group._radii
+        sooner = Sooner()
+        for turn in range(most):
+            before = phi.copy()
+            for c in range(len(group.connectors)):
+                self._try(c, phi)
+            self.turns = turn + 1
+            reactions = self.reactions(phi) / group._arms
+            size = max(np.abs(phi / radii).max(), np.abs(reactions).max())
+            change = (phi - before) / radii
+            self.change = float(np.abs(change).max() / size) if size > 0.0 else 0.0
+            if not self.change > SETTLED:
+                break
+            if turn + 1 < most:
+                phi = sooner.next(phi / radii, change) * radii
+        return phi
+
+    def _at_rest(self, phi: Array) -> list[int]:
+        """Connectors that stick, or rest at the limit of friction."""
+        trial, radii = self._group._trial, self._group._radii
+        end = np.abs((self._slip + self._a @ phi) * radii).reshape(-1, 2).max(axis=1)
+        small = _SAME_MOTION * np.abs(self._slip * radii).max(initial=0.0)
+        at_limit = (trial[:, layout.REGIME] == layout.SLIP) & (end <= small)
+        return [c for c, out in enumerate(trial) if at_limit[c] or _sticks(out)]
+
+    def share(self, phi: Array) -> Array:
+        """Forces of the same motion, in which what is open of the sticking friction is least."""
+        group, trial = self._group, self._group._trial
+        sticking = self._at_rest(phi)
+        if not sticking:
+            return phi
+        at = np.array([2 * c + k for c in sticking for k in (0, 1)])
+        rows = np.concatenate([group._rows, group._columns[at]])
+        _, z = null_space(self.g[np.ix_(rows, rows)])
+        if not z.shape[1]:
+            return phi
+        friction = trial[sticking][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]].ravel()
+        x = np.concatenate([self.reactions(phi), friction])
+        shared = least(x, z, np.concatenate([group._arms, group._radii[at]]))
+        tried = phi.copy()
+        tried[at] += shared[len(group._rows) :] - friction
+        turns, change, kept = self.turns, self.change, trial.copy()
+        found = self.settle(tried.copy(), 1)
+        if self.change <= _SAME_MOTION and all(_sticks(trial[c]) for c in sticking):
+            self.turns += turns
+            return found
+        self.turns, self.change = turns, change
+        trial[:] = kept
+        return phi
+
+    def answer(self, phi: Array, outs: Array) -> list[int]:
+        """Answer all with the forces found; their statuses."""
+        group, h = self._group, self._h
+        wrenches = np.empty(len(self._free))
+        wrenches[group._rows], wrenches[group._columns] = self.reactions(phi), phi
+        unmet = self._unmet(wrenches)
+        statuses = []
+        for c, connector in enumerate(group.connectors):
+            given = self._give(c, phi)
+            memory = self._memory[c]
+            sample = self._samples[c]
+            statuses.append(together.answer(connector.par, memory, sample, h, given, outs[c]))
+            connector.memory = memory
+            outs[c, layout.RESIDUAL] = max(outs[c, layout.RESIDUAL], self.change, unmet)
+        return statuses
+
+    def _unmet(self, wrenches: Array) -> float:
+        """Residual of the constrained rows, over the size of what enters them."""
+        rows, h = self._group._rows, self._h
+        across, scale = self.g[rows], self._group._arms
+        off = self._free[rows] - self._target + h * across @ wrenches
+        size = np.abs(self._free[rows]) + np.abs(self._target)
+        size += h * np.abs(across) @ np.abs(wrenches)
+        greatest = float((size * scale).max())
+        return float(np.abs(off * scale).max()) / greatest if greatest > 0.0 else 0.0
+
+
+def _sticks(out: Array) -> bool:
+    """Whether both components are held by friction alone."""
+    free = out[layout.STOP] == 0.0 and out[layout.LOCK] == 0.0
+    held = out[layout.FORCE_REACTION] != 0.0 or out[layout.MOMENT_REACTION] != 0.0
+    return bool(out[layout.REGIME] == layout.STICK and free and not held)
+
+
+def _delassus(group: Group) -> Array:
+    """G (6 N, 6 N): what each component of each wrench does to each relative velocity."""
+    looked = group._looked
+    n, bodies = len(looked), len(group._bodies)
+    jacobian = np.zeros((6 * n, 6 * bodies))
+    inverse = np.zeros((6 * bodies, 6 * bodies))
+    parts = ((together.JACOBIAN_A, together.INVERSE_A), (together.JACOBIAN_B, together.INVERSE_B))
+    for c in range(n):
+        for (rates, tensor), i in zip(parts, group._places[c], strict=True):
+            if i < 0:
+                continue
+            own = slice(6 * i, 6 * i + 6)
+            jacobian[6 * c : 6 * c + 6, own] += looked[c, rates : rates + 36].reshape(6, 6)
+            mass = group._masses[group._bodies[i]]
+            inverse[own, own][:3, :3] = np.eye(3) / mass
+            inverse[own, own][3:, 3:] = looked[c, tensor : tensor + 9].reshape(3, 3)
+    found: Array = jacobian @ inverse @ jacobian.T
+    return found
