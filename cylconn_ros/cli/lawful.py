@@ -62,10 +62,13 @@ def checked(
     from cylconn_ros.laws.claims import CLAIMS
     from cylconn_ros.laws.recorded import samples_of
     from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.recording.connectors import refuse_together
     from cylconn_ros.recording.reader import read_run
 
     tally = Tally()
-    recorded = samples_of(read_run(run, connector))
+    found = read_run(run, connector)
+    refuse_together(found.metadata, connector, "its laws are not those of one alone")
+    recorded = samples_of(found)
     if recorded.method not in CLAIMS:
         raise CommandError(f"{run}: no laws are stated for method {recorded.method}")
     if recorded.scene.latency != 0:

@@ -59,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay; 0 if all went well and, with --compare, nothing parts."""
     bag = Bag(options.bag, options.connector)
+    connectors.refuse_together(bag.texts, options.connector, "it cannot be replayed alone")
     if connectors.names(bag.texts):
         known = ", ".join(connectors.names(bag.texts))
         raise CommandError(f"{bag.path}: holds several connectors, {known}: choose one with "

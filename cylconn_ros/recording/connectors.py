@@ -57,6 +57,16 @@ def part(texts: Mapping[str, str], connector: str) -> Part:
     return Part(found, topics)
 
 
+def refuse_together(texts: Mapping[str, str], connector: str, what: str) -> None:
+    """Raise RecordingError where a connector was solved together with others: it is not one alone.
+
+    ``texts``: of its part. ``what`` cannot be done then, in words.
+    """
+    others = texts.get("together", "")
+    if others:
+        raise RecordingError(f"{connector} was solved together with {others}: {what}")
+
+
 def _told(texts: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     """What was written of each connector; nothing where that is not of this form."""
     try:

@@ -55,11 +55,6 @@ _JOINTS = (
     layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
     layout.MOMENT,
 )  # fmt: skip
-_WORST = (
-    layout.OFFSET_VIOLATION, layout.ANGULAR_VIOLATION, layout.RESIDUAL, layout.COMPUTING_TIME,
-)  # fmt: skip
-_FIRST_WORST = min(_WORST)
-_OFFSET, _ANGLE, _RESIDUAL, _TIME = (at - _FIRST_WORST for at in _WORST)
 
 
 class Answer(NamedTuple):
@@ -94,8 +89,9 @@ def _of_bodies(scene: Scene) -> list[tuple[int, str]]:
     return [(body, topic) for body in moving for topic in (*motion, "load")]
 
 
-_ANY_SAMPLE = np.zeros(layout.NSAMPLE)
-_ANY_SAMPLE[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
+ANY_SAMPLE = np.zeros(layout.NSAMPLE)
+"""A sample that every connector can answer."""
+ANY_SAMPLE[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
 
 # Parameters that what is remembered depends on; a change of these begins a new history.
 _HISTORY = ("input", "period", "method", "latency", "body_", "node_", "reference.")
@@ -112,6 +108,8 @@ class Answering:
         The last message of every load, by relative topic: what acts until the next.
     wanted
         Whether somebody wants an output that is there for tools, ``~/state`` or ``~/joint_state``.
+    solve
+        What takes a complete sample of a connector that is solved together with others.
 
     Raises SceneError at construction where the connector cannot serve the scene.
     """
@@ -120,12 +118,13 @@ class Answering:
         """Serve ``scene``, taking over from ``previous`` if given (:meth:`take_over`)."""
         self.scene = scene
         self.connector = Connector(scene)
-        self.connector.step(_ANY_SAMPLE, 1e-3)  # compiled now, not while a sample waits
+        self.connector.step(ANY_SAMPLE, 1e-3)  # compiled now, not while a sample waits
         self.connector.reset()
         self.imposed = commands.in_scene(scene.command)
         self.held: dict[str, bytes] = {}
         self.matcher = SampleMatcher(scene)
         self.wanted: Callable[[str], bool] = lambda _: True
+        self.solve: Callable[[Matched, float], Answer | None] | None = None
         self._lane = Lane(self.matcher)
         self._seen = b""  # a message that was held when somebody last looked
         self.health = Health()
@@ -328,19 +327,25 @@ class Answering:
         self.health.failure = f"{type(error).__name__}: {error}"
         return None if matched is None else self._only_wrenches(matched.stamp)
 
-    def _serve(self, matched: Matched, begin: float) -> Answer:
+    def _serve(self, matched: Matched, begin: float) -> Answer | None:
         if matched.repeated and self._answer is not None:
             return self._answer
+        if self.solve is not None:
+            return self.solve(matched, begin)
         if matched.restarted:
             self.connector.reset()
-        out = self.connector.step(self.matcher.sample, matched.h, self._out)
-        period = self.scene.period
-        if period > 0.0 and matched.h > 0.0 and abs(matched.h - period) > 0.01 * period:
+        self.connector.step(self.matcher.sample, matched.h, self._out)
+        return self.finish(matched.stamp, matched.h, begin)
+
+    def finish(self, stamp: int, h: float, begin: float) -> Answer:
+        """The answer in :attr:`out` to the sample at ``stamp``; computing began at ``begin``."""
+        out, period = self._out, self.scene.period
+        if period > 0.0 and h > 0.0 and abs(h - period) > 0.01 * period:
             self.health.off_period += 1
-            self.health.seen_period = matched.h
+            self.health.seen_period = h
         out[layout.COMPUTING_TIME] = time.perf_counter() - begin
         whole = out[layout.REGIME : layout.NOUT].tolist()
-        self._answer = self._write(matched.stamp, out, whole)
+        self._answer = self._write(stamp, out, whole)
         self._examine(out, whole)
         return self._answer
 
@@ -369,25 +374,7 @@ class Answering:
 
     def _examine(self, out: np.ndarray, whole: list[float]) -> None:
         """Keep what diagnostics will say about an answer."""
-        health = self.health
-        regime, stop, lock, status, flags = whole
-        if status != layout.OK:
-            health.not_finite += int(status == layout.NOT_FINITE)
-            health.bad_quaternion += int(status == layout.BAD_QUATERNION)
-            health.no_period += int(status == layout.NO_PERIOD)
-            return
-        numbers = out[_FIRST_WORST : layout.REGIME].tolist()
-        if numbers[_RESIDUAL] > health.worst_residual:
-            health.worst_residual = numbers[_RESIDUAL]
-        if numbers[_OFFSET] > health.worst_offset:
-            health.worst_offset = numbers[_OFFSET]
-        if numbers[_ANGLE] > health.worst_angle:
-            health.worst_angle = numbers[_ANGLE]
-        if numbers[_TIME] > health.worst_time:
-            health.worst_time = numbers[_TIME]
-        health.flags |= int(flags)
-        health.stops |= int(stop)
-        health.regime, health.lock = int(regime), int(lock)
+        self.health.note_one(out, whole)
 
 
 def _same(before: Scene, after: Scene, beginning: str | tuple[str, ...]) -> bool:

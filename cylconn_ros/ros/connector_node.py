@@ -19,6 +19,7 @@ from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Scene, several
 from cylconn_ros.connector.scene_file import scene_part
 from cylconn_ros.methods.step import step
+from cylconn_ros.methods.together import answer as answer_together
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.ros import loop, process
 from cylconn_ros.ros.arguments import Arguments
@@ -27,6 +28,7 @@ from cylconn_ros.ros.parameters import SceneParameters, differences, ros_part
 from cylconn_ros.ros.recording import Recorder
 from cylconn_ros.ros.run import open_run
 from cylconn_ros.ros.serving import Served
+from cylconn_ros.ros.sharing import share_topics, solve_together
 from cylconn_ros.ros.topics import check_qos_overrides
 
 USAGE = """\
@@ -68,8 +70,11 @@ class ConnectorNode(LifecycleNode):
             )
         self._loop = None if lacking else loop.Loop(self, self._lock, self.caught)
         self._connectors = [self._serving(name) for name in scenes]
+        self._groups = share_topics(self._connectors, scenes)
         self._said: dict[str, str] = {}  # what the log has last said of each part of diagnostics
-        check_qos_overrides(self, parameters, scenes)
+        check_qos_overrides(
+            self, parameters, {one.topics: scenes[one.name] for one in self._connectors}
+        )
         self.state = "unconfigured"  # of the lifecycle
         self._next_report = 0
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -192,6 +197,12 @@ class ConnectorNode(LifecycleNode):
         alike: dict[str, list[str]] = {}
         for connector in self._connectors:
             alike.setdefault(connector.configure(), []).append(connector.name)
+        if len(self._groups) < len(self._connectors):
+            process.announce_compiling(answer_together, self.get_logger().info)
+        for group in self._groups:
+            text = solve_together(group)
+            if text:
+                self.get_logger().info(text)
         for model, names in alike.items():
             self.get_logger().info(said(", ".join(names), model))
 
@@ -203,7 +214,7 @@ class ConnectorNode(LifecycleNode):
                 self.get_logger().info(self._open_recording())
             except RecordingError as error:
                 self.get_logger().error(f"{error}; serving without a recording")
-        groups = [connector.open_inputs() for connector in self._connectors]
+        groups = [[entry for one in group for entry in one.open_inputs()] for group in self._groups]
         if self._loop is not None:
             self._loop.open(groups)
 
@@ -286,7 +297,12 @@ class ConnectorNode(LifecycleNode):
                     for n, old, new in differences(before[name], scenes[name])
                 )
                 self.get_logger().info(said(name, f"parameters changed: {changes or 'nothing'}"))
-                connector.apply()
+        with self._lock:
+            for connector in self._connectors:
+                if connector.name in scenes:
+                    connector.apply()
+            for group in self._groups:
+                solve_together(group)
 
 
 def _make(arguments: Arguments) -> ConnectorNode:

@@ -11,6 +11,8 @@ from cylconn_ros.core import layout
 _WORST = (
     layout.OFFSET_VIOLATION, layout.ANGULAR_VIOLATION, layout.RESIDUAL, layout.COMPUTING_TIME,
 )  # fmt: skip
+_FIRST_WORST = min(_WORST)
+_OFFSET, _ANGLE, _RESIDUAL, _TIME = (at - _FIRST_WORST for at in _WORST)
 _WORST_NAMES = ("worst_offset", "worst_angle", "worst_residual", "worst_time")
 
 
@@ -45,6 +47,27 @@ class Health:
         self.worst_residual = self.worst_offset = self.worst_angle = self.worst_time = 0.0
         self.flags = self.stops = 0
         return copy
+
+    def note_one(self, out: np.ndarray, whole: list[float]) -> None:
+        """Keep what diagnostics will say about one answer (NOUT,) and its whole numbers."""
+        regime, stop, lock, status, flags = whole
+        if status != layout.OK:
+            self.not_finite += int(status == layout.NOT_FINITE)
+            self.bad_quaternion += int(status == layout.BAD_QUATERNION)
+            self.no_period += int(status == layout.NO_PERIOD)
+            return
+        numbers = out[_FIRST_WORST : layout.REGIME].tolist()
+        if numbers[_RESIDUAL] > self.worst_residual:
+            self.worst_residual = numbers[_RESIDUAL]
+        if numbers[_OFFSET] > self.worst_offset:
+            self.worst_offset = numbers[_OFFSET]
+        if numbers[_ANGLE] > self.worst_angle:
+            self.worst_angle = numbers[_ANGLE]
+        if numbers[_TIME] > self.worst_time:
+            self.worst_time = numbers[_TIME]
+        self.flags |= int(flags)
+        self.stops |= int(stop)
+        self.regime, self.lock = int(regime), int(lock)
 
     def examine(self, outs: np.ndarray) -> None:
         """Keep what diagnostics will say about (n, NOUT) answers."""

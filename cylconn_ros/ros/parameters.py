@@ -10,7 +10,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from cylconn_ros.connector import many
+from cylconn_ros.connector import common, many
 from cylconn_ros.connector.parameters import Parameter, SceneError, Value, show
 from cylconn_ros.connector.scene import Scene, schema
 from cylconn_ros.connector.scene_file import ROS_PARAMETERS
@@ -105,6 +105,10 @@ class SceneParameters:
                 except SceneError as error:
                     raise SceneError(f"{connector}.{error}" if connector else str(error)) from None
             if scenes:
+                after = {**self.scenes, **scenes}
+                common.check(after)
+                if common.groups(after) != common.groups(self.scenes):
+                    raise SceneError("which connectors share a body is fixed when the node starts")
                 self._prepare(scenes)
         except Exception as error:  # SceneError; whatever else it is, nothing changes
             return SetParametersResult(successful=False, reason=str(error))

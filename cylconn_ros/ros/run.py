@@ -27,6 +27,7 @@ def open_run(recorder: Recorder, node: Node, wanted: Record, connectors: Sequenc
             "method": answering.connector.method,
             "model": answering.connector.model,
             "topics": one.topics.by_name(answering),
+            "together": ", ".join(other.name for other in one.partners if other is not one),
         }
         for one, answering in serving
     }

@@ -21,6 +21,7 @@ from cylconn_ros.ros.diagnostics import Links, Monitor
 from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.names import said
 from cylconn_ros.ros.recording import Recorder, now
+from cylconn_ros.ros.together import Together
 from cylconn_ros.ros.topics import Topics
 from cylconn_ros.ros.waiting import Waiting
 
@@ -33,6 +34,8 @@ class Served:
         answering: what answers, from configuring to cleaning up.
         topics, links: what it reads and publishes, and what the middleware tells of that.
         history: samples answered since it last forgot everything.
+        together, partners: what solves it together with others, and who they are.
+        listeners: by input, the connectors and their inputs that get the same messages.
     """
 
     def __init__(
@@ -52,10 +55,14 @@ class Served:
         self._node, self._scene, self._recorder, self._lock = node, scene, recorder, lock
         self.links = Links()
         self.topics = Topics(node, name, self.links, straight)
+        self.together: Together | None = None
+        self.partners: list[Served] = []  # as the members of ``together`` are
+        self.listeners: dict[str, list[tuple[Served, str]]] = {}
         self.answering: Answering | None = None
         self._prepared: Answering | None = None
         self._answered_at = 0.0
         self._waiting = Waiting()
+        self._drawing = scene().markers  # fixed when the node starts
         self.history = 0
         own_name = node.get_fully_qualified_name().strip("/")
         self._monitor = Monitor(f"{own_name}/{name}" if name else own_name)
@@ -69,33 +76,47 @@ class Served:
 
     def _receiver(self, name: str, topic: str) -> Receive:
         """What takes the messages of input ``name``, received on ``topic``."""
-        recorder, topics = self._recorder, self.topics
-        drawing = self._scene().markers
+        recorder = self._recorder
+        takers = [(self, name), *self.listeners.get(name, ())]
 
         def receive(data: bytes) -> bool:
             """Answer, publish, record; whether a sample was complete."""
-            answering = self.answering
-            assert answering is not None
             recording = recorder.running
             came = now() if recording else 0
-            answer = answering.inputs[name].receive(data)
-            if answer is not None:
-                topics.publish(answer)
-                self._answered_at = time.monotonic()
-                self.history += 1
+            answered: list[tuple[Served, Answer]] = []
+            for connector, its in takers:
+                connector.take(its, data, answered)
             if recording:
                 recorder.keep(topic, data, came)
-            if answer is None:
-                return False
-            if recording:
-                self._record(answer)
-            if drawing:
-                topics.draw(answer.stamp, answering)
-            return True
+                for connector, answer in answered:
+                    connector.record(answer)
+            return bool(answered)
 
         return receive
 
-    def _record(self, answer: Answer) -> None:
+    def take(self, name: str, data: bytes, answered: list[tuple[Served, Answer]]) -> None:
+        """Take a message of an input; publish what it completes, and add it to ``answered``."""
+        answering = self.answering
+        assert answering is not None
+        answer = answering.inputs[name].receive(data)
+        if answer is None:
+            return
+        self._publish(answer)
+        answered.append((self, answer))
+        if self.together is not None:
+            for k, other in self.together.taken().items():
+                self.partners[k]._publish(other)
+                answered.append((self.partners[k], other))
+
+    def _publish(self, answer: Answer) -> None:
+        self.topics.publish(answer)
+        self._answered_at = time.monotonic()
+        self.history += 1
+        if self._drawing and self.answering is not None:
+            self.topics.draw(answer.stamp, self.answering)
+
+    def record(self, answer: Answer) -> None:
+        """Record an answer, after the message that completed its sample."""
         went = now()
         for topic, data in self.topics.outgoing(answer):
             self._recorder.keep(topic, data, went)
@@ -133,7 +154,7 @@ class Served:
             answer = None if self.answering is None else self.answering.zero()
             if answer is not None:
                 self.topics.publish(answer)
-                self._record(answer)
+                self.record(answer)
 
     def report(self, stamp: Time, recorder: Recorder | None) -> DiagnosticArray:
         """What diagnostics say of it, and of the recording where they are to."""
@@ -175,6 +196,8 @@ class Served:
         """Forget the reference configuration and all history."""
         assert self.answering is not None
         self.answering.reset()
+        if self.together is not None:
+            self.together.forget()
         self.history = 0
         self.links.silent = False
 

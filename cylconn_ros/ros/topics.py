@@ -35,6 +35,8 @@ class Topics:
         """``straight``: a loop serves the inputs; otherwise the node's executor does."""
         self._node, self._straight = node, straight
         self._connector, self._links = connector, links
+        self.shared: dict[str, str] = {}  # inputs that are of a shared body: relative topics
+        self.foreign: set[str] = set()  # those that another connector subscribes to
         self._publishers: list[Any] = []
         self._send: list[Callable[[bytes], object]] = []
         self._listeners: dict[str, Callable[[], int]] = {}
@@ -83,18 +85,23 @@ class Topics:
 
     def resolved(self, name: str) -> str:
         """The whole name of an input or output, as the graph has it."""
-        return self._node.resolve_topic_name(names.topic(self._connector, name))
+        return self._node.resolve_topic_name(self._topic(name))
+
+    def _topic(self, name: str) -> str:
+        return self.shared.get(name) or names.topic(self._connector, name)
 
     def open_inputs(self, answering: Answering, receiver: Receiver) -> list[Entry]:
         """Subscribe to the inputs; what a loop is to serve."""
         entries = []
         for name, wanted in answering.inputs.items():
+            if name in self.foreign:
+                continue
             topic = self.resolved(name)
             profile = qos.samples()
             receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
-                names.topic(self._connector, name),
+                self._topic(name),
                 _callback(receive, self._lost),
                 profile,
                 raw=True,
@@ -206,20 +213,24 @@ def _callback(receive: Receive, lost: Callable[[int], object]) -> Callable[[byte
 
 
 def check_qos_overrides(
-    node: LifecycleNode, parameters: Mapping[str, Any], scenes: Mapping[str, Scene]
+    node: LifecycleNode, parameters: Mapping[str, Any], named: Mapping[Topics, Scene]
 ) -> None:
     """Raise SceneError for a qos_overrides parameter that no topic of the node will look at."""
     given = {name: value for name, value in parameters.items() if name.startswith("qos_overrides.")}
     if not given:
         return
-    known = [
-        f"qos_overrides.{node.resolve_topic_name(names.topic(connector, name))}.{kind}.{policy}"
-        for connector, scene in scenes.items()
-        for names_of_kind, kind in (
-            ([name for name, _ in OUTPUTS], "publisher"),
-            (messages.input_names(scene), "subscription"),
+    kinds = [
+        (topics.resolved(name), kind)
+        for topics, scene in named.items()
+        for kind, own in (
+            ("publisher", [name for name, _ in OUTPUTS]),
+            ("subscription", messages.input_names(scene)),
         )
-        for name in names_of_kind
+        for name in own
+    ]
+    known = [
+        f"qos_overrides.{topic}.{kind}.{policy}"
+        for topic, kind in dict.fromkeys(kinds)
         for policy in ("history", "depth", "reliability")
     ]
     for name, value in given.items():
