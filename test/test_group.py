@@ -12,7 +12,7 @@ from cylconn_ros.connector.scene import SceneError, load, several, shipped
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
 from cylconn_ros.core.fixed_point import Sooner
-from cylconn_ros.core.redundant import least_norm, null_space
+from cylconn_ros.core.redundant import directions, least_norm
 
 MASS, RADIUS, OVERLAP = 2.0, 0.02, 0.05
 ARM = 0.5 * OVERLAP
@@ -227,6 +227,45 @@ def test_a_drawer_on_two_slides_loses_energy_to_friction_only_and_always_settles
     assert run.outs[:, :, layout.OFFSET_VIOLATION].max() < 1e-6
 
 
+def pulled(beside, coefficient=0.4):
+    """A drawer on two slides 0.2 m apart, pulled by 10 N beside its middle."""
+    found = {
+        "connectors": ["left", "right"],
+        "body_b": {"frame": "drawer", "mass": 2.0, "inertia": [0.02, 0.0, 0.0, 0.03, 0.0, 0.04]},
+        "friction": {"coefficient": coefficient, "radius": RADIUS, "overlap": 0.02},
+        "plant": {"body_b": {"load": [10.0, 0.0, 0.0, 0.0, 0.0, -10.0 * beside]}},
+    }
+    for name, y in (("left", 0.1), ("right", -0.1)):
+        found[name] = {f"node_{x}": {"position": [0.0, y, 0.0]} for x in "ab"}
+        found[name]["node_a"]["orientation"] = [0.0, 0.0, 0.0, 1.0]
+    return list(several(found).values())
+
+
+def test_a_drawer_pulled_in_its_middle_slides_though_either_slide_alone_would_jam():
+    run = simulate_group(pulled(0.0), 100)
+    np.testing.assert_allclose(run.outs[:, :, layout.FORCE_FRICTION], -0.2 * WEIGHT, rtol=1e-9)
+    speed = 100 * 0.001 * (10.0 - 0.4 * WEIGHT) / MASS
+    assert run.bodies.states[0][layout.B_TWIST] == pytest.approx(speed, rel=1e-9)
+
+
+def test_a_drawer_pulled_far_from_its_middle_jams():
+    """Slides bear the couple by bending; mu 2/L times the arm between them is beyond 1."""
+    run = simulate_group(pulled(1.0), 100)
+    assert np.abs(run.outs[:, :, layout.VELOCITY]).max() < 1e-9
+    np.testing.assert_allclose(run.outs[:, :, layout.FORCE].sum(axis=1), -10.0, rtol=1e-9)
+    assert run.outs[:, :, layout.OFFSET_VIOLATION].max() < 1e-9
+
+
+def test_motions_that_contradict_each_other_are_said_and_stay_finite():
+    found = parameters((-0.3, 0.3))
+    for name, speed in (("at0", 0.1), ("at1", 0.2)):
+        found[name]["command"] = {"slide": {"velocity": speed}}
+    run = simulate_group(list(several(found).values()), 20)
+    assert np.abs(run.outs[:, :, FORCE]).max() < 1e7
+    assert run.outs[:, :, layout.RESIDUAL].min() > 1e-6
+    assert 0.0 < run.bodies.states[0][layout.B_TWIST] < 0.3
+
+
 def test_a_stop_of_one_stops_all():
     found = parameters((-0.3, 0.3), twist=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
     found["at1"]["stops"] = {"l_max": 0.02}
@@ -294,12 +333,13 @@ def test_least_norm_is_that_of_singular_values_in_any_units():
     rng = np.random.default_rng(3)
     jacobian = rng.normal(size=(8, 4)) @ rng.normal(size=(4, 6))
     jacobian *= 10.0 ** rng.uniform(-4, 4, size=(8, 1))  # rows in other units
-    g = jacobian @ jacobian.T
+    masses = 10.0 ** rng.uniform(-3, 3, size=6)
+    g, like = (jacobian / masses) @ jacobian.T, jacobian @ jacobian.T
     arms = 10.0 ** rng.uniform(-2, 1, size=8)
     b = g @ rng.normal(size=8)
-    x = least_norm(g, arms) @ b
+    x = least_norm(g, like, arms) @ b
     np.testing.assert_allclose(g @ x, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
-    _, z = null_space(g)
+    _, z = directions(like)
     assert z.shape[1] == 4
     open_ways, weighed = z / arms[:, None], x / arms
     size = np.linalg.norm(open_ways) * np.linalg.norm(weighed)

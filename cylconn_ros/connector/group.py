@@ -12,8 +12,15 @@ The constrained rows of all (y, z and both swings of each) have the targets that
 
 P gives the least-norm solution (core/redundant.py) in the metric sum f^2 + (m / arm)^2: where
 connectors hold a body more often than needed, the reactions are the smallest that do. What is left
-for each is the step of methods/available.py with its 2x2 disc, in which the others' phi stands on
-the right. They are solved in turns until nothing changes (block Gauss-Seidel).
+for each is the step of methods/available.py, in which the others' phi stands on the right:
+
+1. With given limits of friction, the radii of the discs, they are solved in turns until nothing
+   changes (block Gauss-Seidel): a convex problem.
+2. The limits are those of the reactions that come out, and 1 is done again until they agree.
+
+Both with Anderson's acceleration (core/fixed_point.py). So friction's limit grows with what it
+causes, from the last sample's forces or from none, and everybody's at once: in each other's turn a
+drawer on two slides would be jammed by the first before the second had its share.
 
 Where several stick, what each of them bears may be open, too. It is then again the least, with
 friction counted as f1^2 + (m1 / R)^2, if every disc admits it; else as the turns have found it.
@@ -32,14 +39,16 @@ from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.fixed_point import Sooner
-from cylconn_ros.core.redundant import least, least_norm, null_space
+from cylconn_ros.core.friction import coefficient, contact, limit
+from cylconn_ros.core.redundant import directions, least, least_norm
 from cylconn_ros.methods import together
 
 Array = NDArray[np.float64]
 
-MOST_TURNS = 200
+MOST_TURNS, MOST_LIMITS, AT_ONCE = 300, 60, 50
 SETTLED = 1e-13  # change of forces in a turn, over their size, that counts as none
 _SAME_MOTION = 1e-9  # the same for a split of friction that is tried
+_HARDLY = 1e-9  # a coefficient of friction
 _MOVABLE = 1e-9  # of what a unit force does to its component alone; below it others hold it
 _CONSTRAINED, _AVAILABLE = (1, 2, 4, 5), (0, 3)  # rows of a relative twist
 
@@ -77,6 +86,7 @@ class Group:
             for scene in scenes
         ]
         self._arms = np.array([a for s in scenes for a in (1.0, 1.0, *[arm(s)] * 2)])
+        self._laws = [model.law(connector.par) for connector in self.connectors]
         self._radii = np.array([a for s in scenes for a in (1.0, _radius(s))])
         self._masses = {b.frame: b.mass for s in scenes for b in s.bodies if b.kind == "free"}
         self._looked = np.zeros((n, together.NLOOKED))
@@ -111,7 +121,7 @@ class Group:
                 outs[:, layout.STATUS] = status
                 return outs
         step = _Step(self, samples, h)
-        phi = step.settle(self._phi.copy())
+        phi = step.settle(self._phi.copy() if self.change <= _SAME_MOTION else 0.0 * self._phi)
         phi = step.share(phi)
         statuses = step.answer(phi, outs)
         self.turns, self.change = step.turns, step.change
@@ -150,14 +160,18 @@ class _Step:
         self._group, self._samples, self._h = group, samples, h
         self._memory = [connector.memory for connector in group.connectors]
         self._scratch = np.empty(model.NMEM)
-        self.turns, self.change = 0, 0.0
+        self.turns, self.change, self._size = 0, 0.0, 0.0
+        self._limits = np.zeros(len(samples))
+        self._fixed = [connector.par.copy() for connector in group.connectors]
         looked, rows, columns = group._looked, group._rows, group._columns
-        self.g = _delassus(group)
+        self.g, self._like = _delassus(group)
         free = looked[:, together.FREE : together.FREE + 6].ravel()
         turning = looked[:, together.TURNING : together.TURNING + 6].ravel()
         target = looked[:, together.TARGET : together.TARGET + 4].ravel()
-        solve = least_norm(self.g[np.ix_(rows, rows)], group._arms)
+        at = np.ix_(rows, rows)
+        solve = least_norm(self.g[at], self._like[at], group._arms)
         self._free, self._target = free, target
+        self._before = looked[:, together.MEASURED : together.MEASURED + 2]
         self._base = solve @ ((target - free[rows]) / h)
         across = self.g[np.ix_(rows, columns)]
         self._by = -solve @ across
@@ -189,28 +203,89 @@ class _Step:
         """Solve for connector c; its forces into ``phi``."""
         scratch = self._scratch
         scratch[:] = self._memory[c]
-        par, sample = self._group.connectors[c].par, self._samples[c]
+        par, sample = self._fixed[c], self._samples[c]
         together.answer(par, scratch, sample, self._h, self._give(c, phi), self._group._trial[c])
         phi[2 * c : 2 * c + 2] = scratch[model.LAST_TOTAL : model.LAST_TOTAL + 2]
 
-    def settle(self, phi: Array, most: int = MOST_TURNS) -> Array:
-        """Solve in turns from ``phi`` until nothing changes; (2 N,)."""
+    def settle(self, phi: Array) -> Array:
+        """Solve from ``phi`` until limits and forces agree; (2 N,)."""
+        limits, sooner = self.limits(phi), Sooner()
+        for _ in range(MOST_LIMITS):
+            phi = self.turn(phi, limits)
+            found = self.limits(phi)
+            change = found - limits
+            change[self._group._trial[:, layout.REGIME] != layout.SLIP] = 0.0  # not at its limit
+            trial = self._group._trial
+            sticks = trial[:, layout.REGIME] == layout.STICK
+            beyond = sticks & (trial[:, layout.TRACTION] > found * (1.0 + _SAME_MOTION))
+            size = max(float(np.abs(limits).max(initial=0.0)), self._size)
+            self.change = max(self.change, float(np.abs(change).max()) / size) if size else 0.0
+            if not (beyond.any() or self.change > SETTLED) or self.turns > MOST_TURNS:
+                break
+            limits = np.maximum(sooner.next(found, found - limits), 0.0)
+        return phi
+
+    def turn(self, phi: Array, limits: Array, most: int = AT_ONCE) -> Array:
+        """Solve with friction up to ``limits`` (N,) in turns, until nothing changes; (2 N,)."""
         group, radii = self._group, self._group._radii
+        self._fix(phi, limits)
         sooner = Sooner()
         for turn in range(most):
             before = phi.copy()
             for c in range(len(group.connectors)):
                 self._try(c, phi)
-            self.turns = turn + 1
+            self.turns += 1
             reactions = self.reactions(phi) / group._arms
-            size = max(np.abs(phi / radii).max(), np.abs(reactions).max())
+            self._size = float(max(np.abs(phi / radii).max(), np.abs(reactions).max()))
             change = (phi - before) / radii
-            self.change = float(np.abs(change).max() / size) if size > 0.0 else 0.0
+            self.change = float(np.abs(change).max()) / self._size if self._size > 0.0 else 0.0
             if not self.change > SETTLED:
                 break
             if turn + 1 < most:
                 phi = sooner.next(phi / radii, change) * radii
         return phi
+
+    def limits(self, phi: Array) -> Array:
+        """The limits of friction, (N,), that go with the forces ``phi`` and their reactions."""
+        return np.array([f[0] for f in self._contacts(phi)])
+
+    def _contacts(self, phi: Array) -> list[tuple[float, float, float]]:
+        """Limit, normal force and coefficient of each connector."""
+        reactions = self.reactions(phi)
+        end = (self._slip + self._a @ phi).reshape(-1, 2)
+        found = []
+        for c, connector in enumerate(self._group.connectors):
+            law, par = self._group._laws[c], connector.par
+            if not law.on:
+                found.append((0.0, 0.0, 0.0))
+                continue
+            f2, f3, m2, m3 = reactions[4 * c : 4 * c + 4].tolist()
+            normal = contact(law, (f2, f3, m2, m3)).normal
+            slips = self._group._trial[c, layout.REGIME] == layout.SLIP
+            rate = _rate(self._before[c], end[c], law.radius) if slips else 0.0
+            found.append(
+                (limit(law, par, rate, normal), normal, coefficient(law, par, rate, normal))
+            )
+        return found
+
+    def _fix(self, phi: Array, limits: Array) -> None:
+        """Let the discs have these radii, whatever the reactions are.
+
+        A coefficient that hardly counts and a preload that makes up for it: within ``available``
+        nothing is then different from friction with constant normal force.
+        """
+        self._limits = limits
+        reactions = self.reactions(phi)
+        for c, par in enumerate(self._fixed):
+            law = self._group._laws[c]
+            if not law.on:
+                continue
+            f2, f3, m2, m3 = reactions[4 * c : 4 * c + 4].tolist()
+            pressed = contact(law, (f2, f3, m2, m3))
+            preload = max(limits[c] / _HARDLY - pressed.radial - pressed.bending, 0.0)
+            at = model.FRICTION
+            par[at + 1 : at + 5] = _HARDLY, _HARDLY, 0.0, np.inf
+            par[at + 7 : at + 12] = preload, 0.0, 0.0, 0.0, 0.0
 
     def _at_rest(self, phi: Array) -> list[int]:
         """Connectors that stick, or rest at the limit of friction."""
@@ -228,7 +303,7 @@ class _Step:
             return phi
         at = np.array([2 * c + k for c in sticking for k in (0, 1)])
         rows = np.concatenate([group._rows, group._columns[at]])
-        _, z = null_space(self.g[np.ix_(rows, rows)])
+        _, z = directions(self._like[np.ix_(rows, rows)])
         if not z.shape[1]:
             return phi
         friction = trial[sticking][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]].ravel()
@@ -236,13 +311,13 @@ class _Step:
         shared = least(x, z, np.concatenate([group._arms, group._radii[at]]))
         tried = phi.copy()
         tried[at] += shared[len(group._rows) :] - friction
-        turns, change, kept = self.turns, self.change, trial.copy()
-        found = self.settle(tried.copy(), 1)
+        change, limits, kept = self.change, self._limits, trial.copy()
+        found = self.turn(tried.copy(), self.limits(tried), 1)
         if self.change <= _SAME_MOTION and all(_sticks(trial[c]) for c in sticking):
-            self.turns += turns
             return found
-        self.turns, self.change = turns, change
+        self.change = change
         trial[:] = kept
+        self._fix(phi, limits)
         return phi
 
     def answer(self, phi: Array, outs: Array) -> list[int]:
@@ -250,14 +325,15 @@ class _Step:
         group, h = self._group, self._h
         wrenches = np.empty(len(self._free))
         wrenches[group._rows], wrenches[group._columns] = self.reactions(phi), phi
-        unmet = self._unmet(wrenches)
+        unmet, contacts = self._unmet(wrenches), self._contacts(phi)
         statuses = []
         for c, connector in enumerate(group.connectors):
             given = self._give(c, phi)
-            memory = self._memory[c]
-            sample = self._samples[c]
-            statuses.append(together.answer(connector.par, memory, sample, h, given, outs[c]))
+            memory, sample = self._memory[c], self._samples[c]
+            statuses.append(together.answer(self._fixed[c], memory, sample, h, given, outs[c]))
             connector.memory = memory
+            if group._laws[c].on and statuses[-1] == layout.OK:
+                _write_contact(outs[c], *contacts[c])
             outs[c, layout.RESIDUAL] = max(outs[c, layout.RESIDUAL], self.change, unmet)
         return statuses
 
@@ -272,6 +348,21 @@ class _Step:
         return float(np.abs(off * scale).max()) / greatest if greatest > 0.0 else 0.0
 
 
+def _rate(before: Array, end: Array, radius: float) -> float:
+    """The slip rate that friction counts over a step, from the slip at its ends (core/disc.py)."""
+    s, t = before * (1.0, radius), end * (1.0, radius)
+    mean = 0.5 * (s + t) if s @ t > 0.25 * (s @ s) else t
+    return float(np.hypot(*mean))
+
+
+def _write_contact(out: Array, limit_: float, normal: float, mu: float) -> None:
+    """What the law makes of the reactions, which the fixed discs do not know."""
+    slips = out[layout.REGIME] == layout.SLIP
+    out[layout.NORMAL_FORCE] = normal
+    out[layout.FRICTION_LIMIT] = out[layout.TRACTION] if slips else limit_
+    out[layout.FRICTION_COEFFICIENT] = mu
+
+
 def _sticks(out: Array) -> bool:
     """Whether both components are held by friction alone."""
     free = out[layout.STOP] == 0.0 and out[layout.LOCK] == 0.0
@@ -279,12 +370,15 @@ def _sticks(out: Array) -> bool:
     return bool(out[layout.REGIME] == layout.STICK and free and not held)
 
 
-def _delassus(group: Group) -> Array:
-    """G (6 N, 6 N): what each component of each wrench does to each relative velocity."""
+def _delassus(group: Group) -> tuple[Array, Array]:
+    """G (6 N, 6 N), what each wrench does to each relative velocity; J J^T for bodies all alike.
+
+    For the latter every body has unit mass and the moment of inertia of its own arm.
+    """
     looked = group._looked
     n, bodies = len(looked), len(group._bodies)
     jacobian = np.zeros((6 * n, 6 * bodies))
-    inverse = np.zeros((6 * bodies, 6 * bodies))
+    inverse, alike = np.zeros((6 * bodies, 6 * bodies)), np.zeros(6 * bodies)
     parts = ((together.JACOBIAN_A, together.INVERSE_A), (together.JACOBIAN_B, together.INVERSE_B))
     for c in range(n):
         for (rates, tensor), i in zip(parts, group._places[c], strict=True):
@@ -293,7 +387,10 @@ def _delassus(group: Group) -> Array:
             own = slice(6 * i, 6 * i + 6)
             jacobian[6 * c : 6 * c + 6, own] += looked[c, rates : rates + 36].reshape(6, 6)
             mass = group._masses[group._bodies[i]]
+            turning = looked[c, tensor : tensor + 9].reshape(3, 3)
             inverse[own, own][:3, :3] = np.eye(3) / mass
-            inverse[own, own][3:, 3:] = looked[c, tensor : tensor + 9].reshape(3, 3)
+            inverse[own, own][3:, 3:] = turning
+            alike[own] = [1.0] * 3 + [mass * float(np.trace(turning)) / 3.0] * 3
     found: Array = jacobian @ inverse @ jacobian.T
-    return found
+    like: Array = (jacobian * alike) @ jacobian.T
+    return found, like

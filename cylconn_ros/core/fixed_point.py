@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 KEPT = 6  # values
 PLAIN = 2  # repetitions first: most problems need no more
+FAR = 100.0  # times as large as the first repetitions: no combination to be trusted
 WORSE = 10.0  # by this factor than the best: forget what was kept
 
 
@@ -22,6 +23,7 @@ class Sooner:
         self._gs: list[Array] = []
         self._fs: list[Array] = []
         self._told = 0
+        self._usual = 0.0
         self._best, self._size = np.zeros(0), np.inf
 
     def next(self, g: Array, f: Array) -> Array:
@@ -31,6 +33,7 @@ class Sooner:
         if size < self._size:
             self._best, self._size = g.copy(), size
         if self._told <= PLAIN:
+            self._usual = max(self._usual, float(np.abs(g).max()))
             return g
         if size > WORSE * self._size:
             self._gs.clear()
@@ -43,4 +46,4 @@ class Sooner:
         df, dg = np.diff(self._fs, axis=0).T, np.diff(self._gs, axis=0).T
         shares = np.linalg.lstsq(df, f, rcond=1e-12)[0]
         found: Array = g - dg @ shares
-        return found
+        return found if np.abs(found).max() <= FAR * self._usual else g

@@ -29,7 +29,8 @@ INVERSE_B: Final = 81
 FREE: Final = 90  # J~ vf, 6
 TURNING: Final = 96  # 6
 TARGET: Final = 102  # 4
-NLOOKED: Final = 106
+MEASURED: Final = 106  # v1, w1 of the sample, 2
+NLOOKED: Final = 108
 
 # --- GIVEN: the constraints eliminated and the others' part in, as methods/sides.py has it
 BASE: Final = 0  # 4
@@ -93,6 +94,7 @@ def look(par: Array, mem: Array, sample: Array, h: float, out: Array, looked: Ar
     _put_twist(looked, TURNING, s.turning)
     for k in range(4):
         looked[TARGET + k] = s.target[k]
+    looked[MEASURED], looked[MEASURED + 1] = o.twist.v[0], o.twist.w[0]
     return out_at.OK
 
 
