@@ -229,7 +229,7 @@ def test_a_drawer_on_two_slides_loses_energy_to_friction_only_and_always_settles
 
 def pulled(beside, coefficient=0.4):
     """A drawer on two slides 0.2 m apart, pulled by 10 N beside its middle."""
-    found = {
+    found: dict[str, Any] = {
         "connectors": ["left", "right"],
         "body_b": {"frame": "drawer", "mass": 2.0, "inertia": [0.02, 0.0, 0.0, 0.03, 0.0, 0.04]},
         "friction": {"coefficient": coefficient, "radius": RADIUS, "overlap": 0.02},
