@@ -128,8 +128,11 @@ class Step(NamedTuple):
 
 
 @inline
-def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float) -> Step:
-    """q~, vf, the inertia that the wrench meets, and the constraint eliminated."""
+def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float, alone: bool) -> Step:
+    """q~, vf, the inertia that the wrench meets, and the constraint eliminated.
+
+    ``alone``: no other connector acts on the bodies, so that their end can be foreseen.
+    """
     body_a, body_b = o.body_a, o.body_b
     explicit = model.output(par).semi_implicit
     flags = o.flags
@@ -151,7 +154,7 @@ def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float) -> Step
     turning = _turning(o.nodes, f, o, h, coarse)
     target, far = _target(par, o, turning, h, coarse)
     reduced = eliminated(g, wf, turning, target, h)
-    if TURNS < turn < MOST_TURNS and not explicit and not model.output(par).held_in_body:
+    if alone and TURNS < turn < MOST_TURNS and not explicit and not model.output(par).held_in_body:
         turning, target, reduced, far = _foreseen(
             par, mem, sample, o, f, g, wf, turning, target, reduced, far, h
         )
@@ -218,7 +221,7 @@ def answer(
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
-    s = frozen(par, mem, sample, o, h)
+    s = frozen(par, mem, sample, o, h, True)
     av = available(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
     return answer(par, mem, out, o, s, av, h)
 

@@ -36,7 +36,7 @@ MOST_EVENTS = 8
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
-    s = frozen(par, mem, sample, o, h)
+    s = frozen(par, mem, sample, o, h, True)
     slipped, was_stick = mem[model.SLIPPED], mem[model.WAS_STICK] != 0.0
     av = available(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
     sticks = av.solved.regime == out_at.STICK

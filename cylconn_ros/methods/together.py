@@ -86,7 +86,7 @@ def look(par: Array, mem: Array, sample: Array, h: float, out: Array, looked: Ar
     if status != out_at.OK:
         return status
     o = observe(par, mem, sample, out)
-    s = impulse.frozen(par, sample, o, h)
+    s = impulse.frozen(par, mem, sample, o, h, False)
     _write_jacobians(s.acting, looked)
     _write_inverse(o.body_a, s.a.middle.orientation, looked, INVERSE_A)
     _write_inverse(o.body_b, s.b.middle.orientation, looked, INVERSE_B)
@@ -108,7 +108,7 @@ def answer(par: Array, mem: Array, sample: Array, h: float, given: Array, out: A
     if status != out_at.OK:
         return status
     o = observe(par, mem, sample, out)
-    s = impulse.frozen(par, sample, o, h)
+    s = impulse.frozen(par, mem, sample, o, h, False)
     r = Reduced(
         (given[0], given[1], given[2], given[3]),
         (given[4], given[5], given[6], given[7]),

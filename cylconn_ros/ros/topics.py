@@ -18,7 +18,6 @@ from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import names, qos
 from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
-from cylconn_ros.ros.gaps import Gaps
 from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
@@ -102,7 +101,7 @@ class Topics:
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
                 self._topic(name),
-                _callback(receive, self._lost),
+                _callback(receive),
                 profile,
                 raw=True,
                 qos_overriding_options=qos.overriding(),
@@ -201,12 +200,10 @@ def _kinds(answering: Answering) -> dict[str, str]:
     return {name: wanted.type for name, wanted in answering.inputs.items()} | dict(OUTPUTS)
 
 
-def _callback(receive: Receive, lost: Callable[[int], object]) -> Callable[[bytes, Any], None]:
-    """The same for an executor, which calls with message and information."""
-    gaps = Gaps(lost)
+def _callback(receive: Receive) -> Callable[[bytes], None]:
+    """The same for an executor, which cannot tell of gaps: it has no information on messages."""
 
-    def callback(data: bytes, info: Any) -> None:
-        gaps.look(info["publication_sequence_number"])
+    def callback(data: bytes) -> None:
         receive(data)
 
     return callback
