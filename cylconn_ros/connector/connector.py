@@ -76,6 +76,11 @@ class Connector:
         return self._par
 
     @property
+    def late(self) -> int:
+        """Samples by which wrenches act late: as the scene says, or as measured so far."""
+        return self.scene.latency if self.scene.latency >= 0 else int(self._mem[model.LATE])
+
+    @property
     def memory(self) -> Array:
         """(NMEM,) a copy of all that is remembered; assign one to go back to it."""
         return self._mem.copy()

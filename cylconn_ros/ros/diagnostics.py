@@ -175,10 +175,14 @@ class Monitor:
         problems = [
             (WARN, bool(health.flags & bit), _FLAGS[bit]) for bit in _FLAGS if bit & _WORRYING
         ]
+        saturated = self._new("saturated", health.saturated)
+        problems.append((WARN, saturated, "wrenches are scaled down to the limits"))
         values = {
             "method": answering.connector.method,
             "model": answering.connector.model,
             "regime": regime,
+            "latency [samples]": answering.connector.late,
+            "saturated": health.saturated,
             "worst residual": f"{health.worst_residual:.3g}",
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
             "worst angular violation [rad]": f"{health.worst_angle:.3g}",

@@ -27,6 +27,7 @@ class Health:
     no_period: int = 0
     off_period: int = 0  # samples whose stamps are not a period apart
     seen_period: float = 0.0  # s, the last of those
+    saturated: int = 0  # samples whose wrenches were scaled down to the limits
     failed: int = 0
     failure: str = ""
     commands: int = 0  # followed
@@ -65,7 +66,9 @@ class Health:
             self.worst_angle = numbers[_ANGLE]
         if numbers[_TIME] > self.worst_time:
             self.worst_time = numbers[_TIME]
-        self.flags |= int(flags)
+        bits = int(flags)
+        self.flags |= bits
+        self.saturated += bits & layout.LIMITED != 0
         self.stops |= int(stop)
         self.regime, self.lock = int(regime), int(lock)
 
@@ -85,6 +88,8 @@ class Health:
             if value > getattr(self, name):
                 setattr(self, name, value)
         whole = outs[:, layout.REGIME : layout.NOUT].astype(np.int64)
-        self.flags |= int(np.bitwise_or.reduce(whole[:, layout.FLAGS - layout.REGIME]))
+        flags = whole[:, layout.FLAGS - layout.REGIME]
+        self.flags |= int(np.bitwise_or.reduce(flags))
+        self.saturated += int(np.count_nonzero(flags & layout.LIMITED))
         self.stops |= int(np.bitwise_or.reduce(whole[:, layout.STOP - layout.REGIME]))
         self.regime, self.lock = int(whole[-1, 0]), int(whole[-1, layout.LOCK - layout.REGIME])

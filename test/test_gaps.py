@@ -1,0 +1,80 @@
+"""Messages that never came are counted, and one that is left in its queue is not forgotten."""
+
+import signal
+from types import SimpleNamespace
+
+import pytest
+
+from cylconn_ros.ros import bells, loop, process, qos
+from cylconn_ros.ros.gaps import Gaps
+
+
+def counted(*numbers):
+    missing: list[int] = []
+    gaps = Gaps(missing.append)
+    for number in numbers:
+        gaps.look(number)
+    return sum(missing)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "missing"),
+    [
+        ((), 0),
+        ((1, 2, 3), 0),
+        ((700, 701), 0),  # a publisher that was there before
+        ((1, 2, 5, 6, 9), 4),
+        ((8, 9, 1, 2, 3), 0),  # started anew
+        ((50, 1, 51, 2, 52, 53, 3, 4), 0),  # two publishers in turns
+        ((None, None), 0),  # a middleware without numbers
+    ],
+)
+def test_gaps_are_messages_that_never_came(numbers, missing):
+    assert counted(*numbers) == missing
+
+
+def test_lost_messages_are_not_asked_of_the_middleware():
+    """It locks up over the answer where more are lost meanwhile."""
+    assert qos.reading(print)["event_callbacks"].message_lost is None
+
+
+class Queue:
+    """A subscription whose messages are put there by hand."""
+
+    def __init__(self) -> None:
+        self.waiting: list[bytes] = []
+        self.topic_name, self.msg_type, self.handle = "/topic", bytes, self
+
+    def take_message(self, _kind, _raw):
+        return (self.waiting.pop(0), {"publication_sequence_number": 1}) if self.waiting else None
+
+
+@pytest.fixture
+def silent_bells(monkeypatch):
+    made = SimpleNamespace(tie=lambda _: None, close=lambda: None)
+    monkeypatch.setattr(bells, "Bell", lambda _: made)
+
+
+def test_what_rang_for_several_and_completes_nothing_is_taken_whole(silent_bells):
+    queue, taken = Queue(), []
+
+    def receive(data):
+        taken.append(data)
+        return data == b"completes"
+
+    group = loop._Group([loop.Entry(queue, receive)], print)
+    queue.waiting += [b"completes"]
+    group.serve(1.0)
+    queue.waiting += [b"again", b"completes"]  # one ringing for both
+    group.serve(1.0005)
+    assert taken == [b"completes", b"again", b"completes"]
+    assert group.due > 1.0005
+
+
+def test_a_closed_terminal_ends_a_node_unless_it_is_ignored():
+    assert signal.SIGHUP in process._ending()
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert signal.SIGHUP not in process._ending()
+    finally:
+        signal.signal(signal.SIGHUP, before)
