@@ -87,7 +87,8 @@ def ended(folder: Path, peer: Peer, name: str, end: End) -> Row:
         row.check(peer.until((run / "metadata.yaml").exists, 10.0), "the recording is not closed")
         ends = "deactivate" not in name
         if ends:
-            row.check(node.wait() == 0, "exit code is not 0")
+            code = node.wait()
+            row.check(code == 0, f"exit code {code}")
         newest = max(wrench.stamp for wrench in heard)
         last = heard[-1]
         zero = not any(last.values)

@@ -52,9 +52,11 @@ class Program:
         """Send it a signal."""
         self.process.send_signal(number)
 
-    def wait(self, patience: float = _PATIENCE) -> int:
-        """Wait for its end; the exit code."""
-        return self.process.wait(patience)
+    def wait(self, patience: float = _PATIENCE) -> int | None:
+        """Wait for its end; the exit code, or None where it does not end."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.process.wait(patience)
+        return None
 
     def kill(self) -> None:
         """Kill it, as ``kill -9`` does."""

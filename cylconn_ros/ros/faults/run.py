@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,6 +75,7 @@ def counted(row: Row, peer: Peer) -> Row:
 
 def main() -> int:
     """Print a line for every fault."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as a terminal has it: nohup is inherited
     for row in rows(Path(sys.argv[1]), sys.argv[2:] == ["quick"]):
         print(json.dumps(row.data()), flush=True)
     return 0

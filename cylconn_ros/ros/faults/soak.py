@@ -102,7 +102,8 @@ def main() -> int:
         found = drive(peer, node, samples)
         found["counted"] = peer.counts()
         node.signal(signal.SIGINT)
-        found["code"] = node.wait()
+        code = node.wait()
+        found["code"] = -1 if code is None else code
         peer.close()
     found["run"] = str(next((folder / "runs").iterdir()))
     print(json.dumps(found), flush=True)
