@@ -1,6 +1,6 @@
 """Search for bytes that break the node, led by the branches they reach; needs pip install atheris.
 
-python scripts/fuzz.py cdr|answers|scene [arguments of atheris: -max_total_time=600 DIR]
+python scripts/fuzz.py cdr|scene [arguments of atheris: -max_total_time=600 DIR]
 """
 
 import importlib

@@ -142,7 +142,7 @@ def full(folder: Path, peer: Peer) -> Row:
         exchange = Exchange(peer)
         exchange.run(1500)
         told = peer.until(lambda: peer.status("recording").get("level") == "2", 10.0)
-        row.say(f"diagnostics: “{peer.status('recording').get('message', '')[:60]}…”")
+        row.say(f"diagnostics: “{peer.status('recording').get('message', '').partition(': ')[0]}”")
         row.check(told, "not told")
         lost = peer.counts()["messages lost"]
         row.say(f"{lost} messages counted as lost", lost=lost)
