@@ -89,6 +89,8 @@ def judge(block: Block) -> Found:
     s = begin(p, o, block.sample)
     upper = (stop_sides(out) > 0.0) & ~b.both
     q = problem_of(p, o, s, held, np.where(upper, b.high, b.low))
+    unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
+    q.free_size += np.where(held, unit * np.where(upper, b.high_size, b.low_size), 0.0)
     values = np.linalg.eigvalsh(q.s)
     rows = p.on & (q.condition < WORST_CONDITION) & ~b.unsure
     even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
