@@ -92,7 +92,7 @@ class Group:
         self._looked = np.zeros((n, together.NLOOKED))
         self._given = np.zeros((n, together.NGIVEN))
         self._trial = np.zeros((n, layout.NOUT))
-        self._phi = np.zeros(2 * n)  # f1, m1 of all
+        self._phi: Array = np.zeros(2 * n)  # f1, m1 of all
 
     def reset(self) -> None:
         """Forget the reference configuration and all history."""
@@ -161,7 +161,7 @@ class _Step:
         self._memory = [connector.memory for connector in group.connectors]
         self._scratch = np.empty(model.NMEM)
         self.turns, self.change, self._size = 0, 0.0, 0.0
-        self._limits = np.zeros(len(samples))
+        self._limits: Array = np.zeros(len(samples))
         self._fixed = [connector.par.copy() for connector in group.connectors]
         looked, rows, columns = group._looked, group._rows, group._columns
         self.g, self._like = _delassus(group)

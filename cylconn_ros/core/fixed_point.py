@@ -24,7 +24,8 @@ class Sooner:
         self._fs: list[Array] = []
         self._told = 0
         self._usual = 0.0
-        self._best, self._size = np.zeros(0), np.inf
+        self._best: Array = np.zeros(0)
+        self._size = np.inf
 
     def next(self, g: Array, f: Array) -> Array:
         """The next x, from g(x) and g(x) - x."""

@@ -69,8 +69,10 @@ class Block:
 
     def rows(self, which: Integers, size: int) -> NDArray[np.uint8]:
         """(k, size) the bytes of messages ``which`` (k,), all of that size."""
-        places = np.ndarray(  # every place of the block where so many bytes begin
-            (max(len(self.raw) - size + 1, 0), size), np.uint8, self.raw, strides=(1, 1)
+        places: NDArray[np.uint8] = (
+            np.ndarray(  # every place of the block where so many bytes begin
+                (max(len(self.raw) - size + 1, 0), size), np.uint8, self.raw, strides=(1, 1)
+            )
         )
         return places[self.start[which]]
 
@@ -141,7 +143,9 @@ def _index_for(raw: bytes) -> Callable[[Longs, Integers, Integers], tuple[int, i
 
         if index.COMPILED:
             codes = np.frombuffer(raw, np.uint8)
-            words = np.ndarray((max(len(raw) - 7, 0),), "<u8", raw, strides=(1,))
+            words: NDArray[np.uint64] = np.ndarray(
+                (max(len(raw) - 7, 0),), "<u8", raw, strides=(1,)
+            )
             return functools.partial(index.fill, codes, words)
     _read_plainly += len(raw)
     return functools.partial(_index_plainly, raw)

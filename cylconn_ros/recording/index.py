@@ -45,5 +45,5 @@ def fill(
                 others[0, j] = at
                 others[1, j] = behind
             j += 1
-        at = behind
+        at = int(behind)
     return k, j

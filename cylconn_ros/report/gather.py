@@ -63,7 +63,8 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
     Raises RecordingError where the run has no states, or none in between.
     """
     topic = run.state_topic
-    undecodable, stamps, methods = 0, [np.zeros(0, np.int64)], dict[str, None]()
+    undecodable, methods = 0, dict[str, None]()
+    stamps: list[npt.NDArray[np.int64]] = [np.zeros(0, np.int64)]
     for piece in run.pieces(topic, only=(*STAMP, "method")):
         undecodable += piece.undecodable
         if len(piece):

@@ -151,7 +151,7 @@ def take(
         bits = 1 << stream if stream < 4 else 3 << 2 * (stream - 4)
         if not seen:
             nanoseconds = np.int64(stamp >> np.uint64(32))
-            now = np.int64(np.int32(stamp & np.uint64(0xFFFFFFFF))) * _SECOND + nanoseconds
+            now = int(np.int32(stamp & np.uint64(0xFFFFFFFF))) * _SECOND + int(nanoseconds)
             if nanoseconds >= _SECOND or now <= last:
                 return n, here
             together, group = stamp, k

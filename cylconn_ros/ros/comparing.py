@@ -100,7 +100,8 @@ class Comparison:
         """Messages of the same size as (n, bytes) uint8, recorded and replayed, in their orders."""
         old, new = _stamps(recorded), _stamps(replayed)
         if len(old) == len(new) and np.array_equal(old, new):
-            first = second = np.arange(len(old))
+            every: NDArray[np.intp] = np.arange(len(old))
+            first = second = every
         else:
             _, first, second = np.intersect1d(old, new, return_indices=True)
         shared = old[first]
