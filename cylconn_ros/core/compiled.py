@@ -65,18 +65,17 @@ def cache_directory() -> str:
 
 if COMPILED:
     _DIRECTORY = cache_directory()
-    # a b + c in one instruction with one rounding, a fifth faster; all else as written
-    _CONTRACT = {"contract"}
-    _WITHIN = {"no_cfunc_wrapper": True, "fastmath": _CONTRACT}
+    # No contraction of a b + c: a fifth faster, but its roundings hang on what is inlined where, so
+    # that two compilations of one source would part in their last digits.
 
     def jit(function: Function) -> Function:
         """Compile ``function`` for the entries that call it."""
-        inner: Function = register_jitable(forceinline=False, **_WITHIN)(function)
+        inner: Function = register_jitable(forceinline=False, no_cfunc_wrapper=True)(function)
         return inner
 
     def inline(function: Function) -> Function:
         """Compile ``function`` into everything that calls it: for what is small."""
-        inner: Function = register_jitable(forceinline=True, **_WITHIN)(function)
+        inner: Function = register_jitable(forceinline=True, no_cfunc_wrapper=True)(function)
         return inner
 
     def _entry(function: Function, allocates: bool) -> Function:
@@ -84,7 +83,7 @@ if COMPILED:
         numba.config.CACHE_DIR = _DIRECTORY or theirs
         options = {"cache": True, "error_model": "numpy", "_nrt": allocates}  # 1/0 is inf, as in C
         try:
-            compiled: Function = numba.njit(fastmath=_CONTRACT, **options)(function)
+            compiled: Function = numba.njit(**options)(function)
         finally:
             numba.config.CACHE_DIR = theirs
         return compiled
