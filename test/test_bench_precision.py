@@ -129,6 +129,15 @@ def test_targets_are_stricter_where_reactions_change() -> None:
 # --- the command ---
 
 
+def test_errors_of_rounding_are_equal() -> None:
+    """A point of ours that is nearer by less than rounding, and dearer, is not on the front."""
+    ours = [Point("minimal", 1e-2, 0.2, 4e-17), Point("minimal, live", 1e-3, 9.0, 1e-17)]
+    theirs = [Point("SciPy LSODA", 1e-12, 5.0, 4e-15)]
+    assert fronts.front(ours, 1e-13) == ours[:1]
+    assert fronts.dominating(fronts.front(ours, 1e-13), theirs, 1e-13) == []
+    assert fronts.dominating(ours, theirs, 1e-13) == theirs
+
+
 def test_quick_precision_is_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "precision.json"
     assert main.main(["bench", "precision", "--quick", "-o", str(output)]) == 0

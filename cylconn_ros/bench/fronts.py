@@ -72,13 +72,14 @@ def usable(found: Iterable[Point]) -> list[Point]:
     return [p for p in found if not p.failed and math.isfinite(p.cost) and math.isfinite(p.error)]
 
 
-def front(found: Iterable[Point]) -> list[Point]:
-    """Those that nobody else here beats in both, by cost."""
+def front(found: Iterable[Point], rounding: float = 0.0) -> list[Point]:
+    """Those that nobody else here beats in both, by cost; errors up to ``rounding`` are equal."""
     best, least = [], math.inf
     for p in sorted(usable(found), key=lambda p: (p.cost, p.error)):
-        if p.error < least:
+        error = max(p.error, rounding)
+        if error < least:
             best.append(p)
-            least = p.error
+            least = error
     return best
 
 
@@ -125,8 +126,8 @@ def targets(found: Findings) -> list[Target]:
     aims = []
     for problem in dict.fromkeys(m.problem for m in found.measurements):
         every = points(found, problem)
-        ours = front(p for p in every if kind(p) == "ours")
         least, limit = floor(problem), HUNDREDTH if CASES[problem].reactive else 1.0
+        ours = front((p for p in every if kind(p) == "ours"), least)
         simulators = [p for p in every if kind(p) == "simulator"]
         worst, who, cheaper = _nearest(ours, simulators, least)
         note = f"against {who.contestant} at {who.value:g}" if who else "no simulator's answer"
