@@ -20,7 +20,7 @@ from cylconn_ros.ros.faults.row import Exchange, Row, sleeve
 _STREAM = 0.3  # s of samples before the end
 _GAP = 0.001  # s between them
 _DEACTIVATE, _SHUTDOWN = 4, 7  # lifecycle_msgs/Transition
-_FULL = 300_000  # bytes that a full disk still takes
+_FULL = 1_000_000  # bytes that a full disk still takes: several of a recording's pieces of 0.1 s
 
 End = Callable[[Program, Peer], None]
 
