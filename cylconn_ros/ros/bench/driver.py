@@ -21,8 +21,8 @@ from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import POSE
 from cylconn_ros.ros.bench.topics import INPUTS, OUTPUTS
 from cylconn_ros.ros.cdr_writers import StampedWriter
-from cylconn_ros.ros.loop import WaitSet
 from cylconn_ros.ros.message_types import message_class
+from cylconn_ros.ros.wait_set import WaitSet
 
 PERIOD = 1_000_000  # ns between stamps, whatever the rate is
 _QUEUE = QoSProfile(depth=2000)  # reliable; what is lost is lost by a contestant

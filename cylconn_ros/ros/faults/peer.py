@@ -23,9 +23,9 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import plant
 from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import BODIES, STATE, WRENCH
-from cylconn_ros.ros.loop import WaitSet
 from cylconn_ros.ros.message_types import message_class
 from cylconn_ros.ros.plant_exchange import Exchange, PlantCounts
+from cylconn_ros.ros.wait_set import WaitSet
 
 Array = NDArray[np.float64]
 Messages = list[tuple[str, bytes]]

@@ -19,30 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from cylconn_ros.connector.scene import Scene
 from cylconn_ros.ros.cdr_writers import StampedWriter
 from cylconn_ros.ros.faults.peer import Bodies, Peer
 from cylconn_ros.ros.faults.programs import Program, program
+from cylconn_ros.ros.faults.row import sleeve
 
 HISTORY = 100_000  # samples
 _LOAD_EVERY = 20  # samples
 _REPORTS = 200
 _PATIENCE = 5.0  # s for an answer
 
-SCENE = Scene.from_parameters(
-    {
-        "body_a": {"kind": "fixed"},
-        "body_b": {
-            "mass": 1.0,
-            "com": [0.03, 0.02, 0.01],
-            "inertia": [0.010, 0.001, 0.0005, 0.020, 0.0008, 0.018],
-        },
-        "node_a": {"orientation": [0.0, 0.0, 0.0, 1.0]},
-        "friction": {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 2.0},
-        "elasticity": {"k1": 60.0, "kr1": 0.05},
-        "plant": {"body_b": {"pose": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}},
-    }
-)
+SCENE = sleeve(elasticity__k1=60.0, elasticity__kr1=0.05, plant__body_b__twist=[0.0] * 6)
 
 
 def load(seconds: float) -> list[float]:
