@@ -31,6 +31,7 @@ _DELAY, _TAIL, _CPU, _ASKING = "delay", "99 % within", "CPU time a sample", "CPU
 _LOST = "lost"
 _NUMBERS = (1, 10, 100)
 _RATE, _ALL = 100.0, 1000.0  # samples a second: of each connector, of all together
+_TIMEOUT = 1.0  # s; some are asked every 0.1 s, which is what it is by default
 _SAME, _SHARED = f"{_RATE:g} samples/s each", f"{_ALL:g} samples/s in all"
 _FIXED, _FREE = ("body_b",), ("body_a", "body_b")  # who moves
 
@@ -127,7 +128,7 @@ def _names(n: int) -> list[str]:
 
 def _scenes(n: int, moving: tuple[str, ...]) -> str:
     """A parameter file of N connectors, alike."""
-    scene: dict[str, Any] = {"connectors": _names(n), **SCENE}
+    scene: dict[str, Any] = {"connectors": _names(n), "timeout": _TIMEOUT, **SCENE}
     if moving == _FIXED:
         scene["body_a"] = {"kind": "fixed"}
     return dump_several(several(scene))

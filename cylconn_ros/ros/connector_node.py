@@ -43,7 +43,8 @@ Exit codes: 0 stopped, 2 arguments or parameters that cannot be used, 130 interr
 compiling."""
 
 
-_LOOK = 0.02  # s between looks at the clock
+_LOOK, _TURN = 0.02, 0.1  # s between looks at the clock, least and most
+_OVERDUE = 0.5  # s without a look before it is taken out of the loop's hands
 _REPORTS = 1.0  # s between reports on a connector
 _TAKING = 0.2  # s for the last wrenches to be acknowledged
 
@@ -68,7 +69,7 @@ class ConnectorNode(LifecycleNode):
             self.get_logger().warning(
                 f"this rclpy has no {lacking}: samples are served by its executor, which is slower"
             )
-        self._loop = None if lacking else loop.Loop(self, self._lock, self.caught)
+        self._loop = None if lacking else loop.Loop(self, self._lock, self.caught, self._look)
         self._connectors = [self._serving(name) for name in scenes]
         self._groups = share_topics(self._connectors, scenes)
         self._said: dict[str, str] = {}  # what the log has last said of each part of diagnostics
@@ -77,10 +78,12 @@ class ConnectorNode(LifecycleNode):
         )
         self.state = "unconfigured"  # of the lifecycle
         self._next_report = 0
+        self._due = 0.0  # when to look at the clock (s, steady)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_REPORTS / len(scenes), self._diagnose, clock=self._steady)
-        self.create_timer(_LOOK, self._look, clock=self._steady)
+        if self._loop is None:
+            self.create_timer(_LOOK, lambda: self._look_for(0.0), clock=self._steady)
         for name, serve in (
             ("~/start_recording", self._start_recording),
             ("~/stop_recording", self._stop_recording),
@@ -102,17 +105,24 @@ class ConnectorNode(LifecycleNode):
 
     # --- watching --------------------------------------------------------------------------------
 
-    def _look(self) -> None:
-        """Watch timeouts, and record what no answer has followed."""
-        if self.state != "active":
-            return
+    def _look(self, now: float) -> float:
+        """Watch timeouts, and record what no answer has followed; when to look again."""
         with self._lock:
             self.recorder.flush()
-        for connector in self._connectors:
-            connector.look()
+        if now >= self._due:
+            first = min(connector.look(now) for connector in self._connectors)
+            self._due = max(first, now + _LOOK)
+        return min(self._due, now + (_LOOK if self.recorder.running else _TURN))
+
+    def _look_for(self, overdue: float) -> None:
+        """Look on the executor, if whoever should have looked has not for ``overdue`` s."""
+        now = time.monotonic()
+        if self.state == "active" and now >= self._due + overdue:
+            self._look(now)
 
     def _diagnose(self) -> None:
         """Report on one connector after the other, each once a second, and on the recording."""
+        self._look_for(_OVERDUE)
         turn = self._next_report
         self._next_report = (turn + 1) % len(self._connectors)
         stamp = self.get_clock().now().to_msg()
@@ -303,6 +313,7 @@ class ConnectorNode(LifecycleNode):
                     connector.apply()
             for group in self._groups:
                 solve_together(group)
+            self._due = 0.0  # the timeout may be another
 
 
 def _make(arguments: Arguments) -> ConnectorNode:

@@ -14,6 +14,7 @@ which), the node's executor has to serve the subscriptions.
 from __future__ import annotations
 
 import functools
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -147,11 +148,19 @@ class _Group:
 class Loop:
     """Serve groups of subscriptions of a node on a thread of its own.
 
-    ``lock`` is held while messages are handed on. ``caught`` gets what receiving raises.
+    ``lock`` is held while messages are handed on. ``caught`` gets what receiving raises. ``look``
+    watches the clock: it gets the time (s, steady) and says when it wants to look again. It does so
+    here, as this thread wakes for samples anyhow, and one of its own would have to be woken for it.
     """
 
-    def __init__(self, node: Node, lock: Any, caught: Callable[[Exception], object]) -> None:
-        self._node, self._lock, self._caught = node, lock, caught
+    def __init__(
+        self,
+        node: Node,
+        lock: Any,
+        caught: Callable[[Exception], object],
+        look: Callable[[float], float] = lambda _: math.inf,
+    ) -> None:
+        self._node, self._lock, self._caught, self._look = node, lock, caught, look
         self._entries: list[Entry] = []
         self._groups: list[_Group] = []
         self._ending = False
@@ -185,9 +194,10 @@ class Loop:
         for number, group in enumerate(groups):
             ear.listen(group.bell, number)
             ear.listen(group.seldom_bell, ~number)
-        looked, patience = 0.0, _IDLE
+        looked, patience, due = 0.0, _IDLE, 0.0
+        now = time.monotonic()
         while not self._ending:
-            rung = ear.wait(patience)
+            rung = ear.wait(max(0.0, min(patience, due - now)))
             now = time.monotonic()
             for number in sorted(rung):  # what comes seldom first: it acts on the sample with it
                 with lock:
@@ -205,4 +215,13 @@ class Loop:
                             group.serve(now)
                     if group.due > 0.0:
                         patience = _LOOK
+            if now >= due:
+                due = self._looked(now)
         ear.close()
+
+    def _looked(self, now: float) -> float:
+        try:
+            return self._look(now)
+        except Exception as error:
+            self._caught(error)
+            return now + _IDLE

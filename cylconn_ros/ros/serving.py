@@ -21,6 +21,7 @@ from cylconn_ros.ros.diagnostics import Links, Monitor
 from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.names import said
 from cylconn_ros.ros.recording import Recorder, now
+from cylconn_ros.ros.silence import News, Silence
 from cylconn_ros.ros.together import Together
 from cylconn_ros.ros.topics import Topics
 from cylconn_ros.ros.waiting import Waiting
@@ -60,8 +61,8 @@ class Served:
         self.listeners: dict[str, list[tuple[Served, str]]] = {}
         self.answering: Answering | None = None
         self._prepared: Answering | None = None
-        self._answered_at = 0.0
-        self._waiting = Waiting()
+        self._answered_at = 0.0  # s, steady clock
+        self._waiting, self._silence = Waiting(), Silence()
         self._drawing = scene().markers  # fixed when the node starts
         self.history = 0
         own_name = node.get_fully_qualified_name().strip("/")
@@ -126,27 +127,28 @@ class Served:
         """Whether an output is to be made: somebody listens, or it is recorded."""
         return self._recorder.running or self.topics.wanted(name)
 
-    def look(self) -> None:
-        """Watch the timeout; on the steady clock, since simulated time stops with the samples."""
-        if self.answering is None:
-            return
+    def look(self, now: float) -> float:
+        """Watch the timeout at ``now``; when to look again (s, steady clock)."""
+        answering, silence = self.answering, self._silence
+        if answering is None or now < silence.due:
+            return silence.due
         with self._lock:
-            self.answering.settle()
-        scene, logger = self._scene(), self._node.get_logger()
-        reason = self._waiting.look(self.answering.matcher, scene, time.monotonic())
+            answering.settle()
+            scene, answered = self._scene(), self._answered_at if self.history else None
+        logger = self._node.get_logger()
+        reason = self._waiting.look(answering.matcher, scene, now)
         if reason:
             logger.warning(said(self.name, reason))
-        if not self.history:
-            return
-        silent = time.monotonic() - self._answered_at > scene.timeout
-        if silent and not self.links.silent:
+        news = silence.look(now, answered, scene.timeout)
+        self.links.silent = silence.silent
+        if news is News.BACK:
+            logger.info(said(self.name, "samples are back"))
+        elif news is News.STOPPED:
             self.links.timeouts += 1
             text = f"no complete sample for {scene.timeout:g} s: zero wrench until the next"
             logger.warning(said(self.name, text))
             self.send_zero()
-        elif self.links.silent and not silent:
-            logger.info(said(self.name, "samples are back"))
-        self.links.silent = silent
+        return silence.due
 
     def send_zero(self) -> None:
         """Publish zero wrenches, where a sample was ever answered."""
@@ -199,6 +201,7 @@ class Served:
         if self.together is not None:
             self.together.forget()
         self.history = 0
+        self._silence.forget()
         self.links.silent = False
 
     def prepare(self, scene: Scene) -> None:
@@ -215,6 +218,7 @@ class Served:
         with self._lock:
             prepared.take_over(previous)
             self.answering = prepared
+            self._silence.due = 0.0
             if not prepared.continues:
                 self.forget()
         logger = self._node.get_logger()
