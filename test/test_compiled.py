@@ -131,15 +131,16 @@ def test_an_entry_is_compiled_for_one_kind_of_arguments() -> None:
 
 
 def test_another_state_of_the_sources_has_another_digest(tmp_path: Path) -> None:
-    for room in ("core", "methods"):
-        (tmp_path / room).mkdir()
-        (tmp_path / room / "a.py").write_text("x = 1\n")
+    sources = ("core/a.py", "methods/a.py", "recording/put.py")
+    for name in sources:
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("x = 1\n")
     before = compiled.digest(tmp_path)
     assert compiled.digest(tmp_path) == before
-    for room in ("core", "methods"):  # also where the entry's own file is the same
-        (tmp_path / room / "a.py").write_text("x = 2\n")
+    for name in sources:  # also where the entry's own file is the same
+        (tmp_path / name).write_text("x = 2\n")
         assert compiled.digest(tmp_path) != before
-        (tmp_path / room / "a.py").write_text("x = 1\n")
+        (tmp_path / name).write_text("x = 1\n")
     (tmp_path / "core" / "b.py").write_text("")
     (tmp_path / "core" / "c.py").write_text("y = 1\n")
     assert compiled.digest(tmp_path) != before

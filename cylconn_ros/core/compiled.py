@@ -36,13 +36,15 @@ except ImportError:
 COMPILED = numba is not None
 """Whether the physics runs compiled; ``CYLCONN_NO_COMPILER=1`` turns it off."""
 
+_CALLED = ("core/*.py", "methods/*.py", "recording/put.py", "recording/tray.py")  # from elsewhere
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def digest(package: Path) -> str:
-    """What tells one state of the physics' sources from another, and one compiler from another."""
+    """What tells one state of the compiled sources from another, and one compiler from another."""
     known = hashlib.sha256(f"numba {numba.__version__}".encode() if COMPILED else b"")
-    for source in sorted((*package.glob("core/*.py"), *package.glob("methods/*.py"))):
+    for source in sorted(found for each in _CALLED for found in package.glob(each)):
         known.update(source.read_bytes())
     return known.hexdigest()[:16]
 

@@ -11,15 +11,15 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -31,17 +31,24 @@ from mcap.records import (
     SummaryOffset,
 )
 from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
 
 LIBRARY = "cylconn_ros"
 COMPRESSIONS = ("zstd", "none")
 _LEVEL = 1  # of zstd: of the levels the fastest, and within a few percent of the smallest here
 
-# Opcode, length of the rest, channel, sequence, log time, publish time; then the message.
-MESSAGE = struct.Struct("<BQHIQQ")
-MESSAGE_REST = MESSAGE.size - 9
-INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset within the chunk
+_ENTRY = 16  # bytes of an entry of an index: log time, offset within the chunk
 _INDEX = struct.Struct("<BQHI")  # opcode, length of the rest, channel, bytes of entries
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length of the rest, start, end, size, checksum
+# Of a chunk's own index: opcode, length of the rest, start, end, where it is, its bytes, bytes of
+# the places of the message indexes.
+_CHUNK_INDEX = struct.Struct("<BQQQQQI")
+_PLACE = struct.Struct("<HQ")  # channel, where its index is
+_SIZES = struct.Struct("<QQ")  # of the chunk's records, in the file and as they are
+_LONG, _SHORT = struct.Struct("<Q"), struct.Struct("<I")
+
+
+Buffer = bytes | bytearray | memoryview
 
 
 class Container:
@@ -59,7 +66,7 @@ class Container:
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[bytes | bytearray] = []  # their index, as it will stand in the file
+        self._chunks: list[Buffer] = []  # their index, as it will stand in the file
         self._times = (1 << 64) - 1, 0  # first and last log time, ns
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
@@ -100,52 +107,51 @@ class Container:
         self._write([data])
         self._metadata.append(index)
 
-    def add_chunk(
-        self, records: bytearray, index: Mapping[int, bytearray], start: int, end: int
-    ) -> None:
-        """Add message records with, per channel, their index entries; log times from–to in ns.
+    def add_chunk(self, records: Buffer, index: NDArray[np.int64]) -> None:
+        """Add records of messages.
+
+        Args:
+            records: one after the other, at least one.
+            index: (n, 3) channel, log time (ns, its 64 bits) and offset of each.
 
         All of it or, where this raises, nothing is in the file.
         """
         checksum = zlib.crc32(records)
         stored = self._compressor.compress(records) if self._compression else records
-        name = self._compression.encode()
-        rest = _CHUNK.size - 9 + 4 + len(name) + 8 + len(stored)
-        head = (
-            _CHUNK.pack(Opcode.CHUNK, rest, start, end, len(records), checksum)
-            + struct.pack("<I", len(name))
-            + name
-            + struct.pack("<Q", len(stored))
-        )
-        parts: list[bytes | bytearray] = [head, stored]
-        offsets = {}
-        at = self.size + len(head) + len(stored)
-        length = 0
-        for channel, entries in index.items():
-            if entries:
-                offsets[channel] = at + length
-                parts.append(
-                    _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries))
-                )
-                parts.append(entries)
-                length += _INDEX.size + len(entries)
-        found = ChunkIndex(
-            chunk_length=len(head) + len(stored),
-            chunk_start_offset=self.size,
-            compression=self._compression,
-            compressed_size=len(stored),
-            message_end_time=end,
-            message_index_length=length,
-            message_index_offsets=offsets,
-            message_start_time=start,
-            uncompressed_size=len(records),
-        )
+        times = index[:, 1].view(np.uint64)
+        start, end = int(times.min()), int(times.max())
+        name = _SHORT.pack(len(self._compression)) + self._compression.encode()
+        rest = _CHUNK.size - 9 + len(name) + 8 + len(stored)
+        head = b"".join((
+            _CHUNK.pack(Opcode.CHUNK, rest, start, end, len(records), checksum),
+            name,
+            _LONG.pack(len(stored)),
+        ))  # fmt: skip
+        parts: list[Buffer] = [head, stored]
+        length = len(head) + len(stored)
+        places, counts = bytearray(), []
+        at = self.size + length
+        for channel, entries in _entries(index):
+            places += _PLACE.pack(channel, at)
+            parts.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)))
+            parts.append(entries)
+            at += _INDEX.size + len(entries)
+            counts.append((channel, len(entries) // _ENTRY))
+        rest = _CHUNK_INDEX.size - 9 + len(places) + 8 + len(name) + 16
+        found = b"".join((
+            _CHUNK_INDEX.pack(
+                Opcode.CHUNK_INDEX, rest, start, end, self.size, length, len(places)
+            ),
+            places,
+            _LONG.pack(at - self.size - length),
+            name,
+            _SIZES.pack(len(stored), len(records)),
+        ))  # fmt: skip
         self._write(parts)
-        self._chunks += _bytes([found])
+        self._chunks.append(found)
         first, last = self._times
         self._times = min(first, start), max(last, end)
-        for channel, entries in index.items():
-            count = len(entries) // INDEX_ENTRY.size
+        for channel, count in counts:
             self._counts[channel] = self._counts.get(channel, 0) + count
 
     def finish(self) -> None:
@@ -181,6 +187,11 @@ class Container:
             [*_bytes([DataEnd(data_section_crc=0)]), summary, *_bytes([footer]), MCAP0_MAGIC]
         )
 
+    @property
+    def times(self) -> tuple[int, int]:
+        """The first and the last log time, ns; zeros while there is no message."""
+        return self._times if self._chunks else (0, 0)
+
     def close(self) -> None:
         """Release the file; a second call does nothing."""
         file, self._file = self._file, -1
@@ -194,13 +205,13 @@ class Container:
             channel_message_counts=self._counts,
             chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()),
-            message_end_time=self._times[1],
-            message_start_time=self._times[0] if self._chunks else 0,
+            message_end_time=self.times[1],
+            message_start_time=self.times[0],
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
 
-    def _write(self, parts: list[bytes | bytearray]) -> None:
+    def _write(self, parts: list[Buffer]) -> None:
         """Append all parts, or leave the file as it was and raise."""
         left = [memoryview(part) for part in parts]
         try:
@@ -217,9 +228,22 @@ class Container:
         self.size += sum(map(len, parts))
 
 
-def _bytes(records: Iterable[McapRecord]) -> list[bytes | bytearray]:
+def _entries(index: NDArray[np.int64]) -> Iterator[tuple[int, memoryview]]:
+    """Each channel and the entries of its index, in the order of its messages."""
+    channels = index[:, 0]
+    order = np.argsort(channels, kind="stable")
+    entries = index[order, 1:].astype("<i8").reshape(-1).view(np.uint8).data
+    ends = _ENTRY * np.cumsum(np.bincount(channels))
+    begin = 0
+    for channel, end in enumerate(ends.tolist()):
+        if end > begin:
+            yield channel, entries[begin:end]
+            begin = end
+
+
+def _bytes(records: Iterable[McapRecord]) -> list[Buffer]:
     """The records as they stand in a file."""
-    found: list[bytes | bytearray] = []
+    found: list[Buffer] = []
     for record in records:
         builder = RecordBuilder()
         record.write(builder)

@@ -1,80 +1,61 @@
 """Write a run as a rosbag2 directory: one MCAP file (profile ros2) and its metadata.yaml.
 
-Who writes a message only puts it into a queue. A thread of the run's own empties the queue every
-:data:`INTERVAL`, makes a chunk of it, compresses that and puts it on disk; it lets others go on
-after every few messages, and what takes long is done without the interpreter's lock. A killed
-process loses what came within about one interval.
+Who writes a message only copies it into a tray (:mod:`~cylconn_ros.recording.tray`). A thread of
+the run's own takes the tray away every :data:`INTERVAL`, or when it is full, compresses it and puts
+it on disk as a chunk, while others go on with another tray; all that takes long is done without the
+interpreter's lock. A killed process loses what came within about one interval.
 """
 
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
-from .container import COMPRESSIONS, INDEX_ENTRY, MESSAGE, MESSAGE_REST, Container
+from .container import COMPRESSIONS, Container
 from .errors import RecordingError
 from .interfaces import Interface, interface
 from .metadata import TopicInfo, bag_information, to_yaml
+from .tray import ACCEPTED, CHANNEL, REFUSED, Tray
 
 METADATA_RECORD = "cylconn_ros"  # MCAP metadata record holding parameters, version, method
 
 INTERVAL = 0.08
 """Seconds between chunks."""
 
-_CHUNK = 1 << 20  # bytes of messages after which a chunk does not wait for its time
-_SLICE = 32  # pieces of the queue laid out in one go, for some hundred microseconds
-_PAUSE = 2e-5  # s between slices: after none, who waits for the interpreter may wait for 5 ms
-_BACKLOG = 1 << 26  # bytes that may wait for a slow disk
-_OPCODE = 0x05  # of a message
-_head, _entry, _REST = MESSAGE.pack, INDEX_ENTRY.pack, MESSAGE_REST
-
-
-Message = tuple[str, bytes, int, int]
-"""Topic, bytes, log time and publish time (ns)."""
-
-
-class _Stream:
-    """A topic: its channel, and what became of its messages."""
-
-    __slots__ = ("accepted", "channel", "lost", "refused", "sequence", "topic")
-
-    def __init__(self, topic: str, channel: int) -> None:
-        self.topic, self.channel = topic, channel
-        self.sequence = 0  # of the next in the file
-        self.accepted = 0
-        self.refused = 0  # not accepted
-        self.lost = 0  # accepted, but the disk then refused them
-
-
-class _Chunk:
-    """Messages as they will stand in the file."""
-
-    def __init__(self, channels: Iterable[int]) -> None:
-        self.records = bytearray()
-        self.index = {channel: bytearray() for channel in channels}
-
-    def times(self) -> tuple[int, int]:
-        """The first and the last log time, ns."""
-        entries = np.frombuffer(b"".join(self.index.values()), "<u8")[::2]
-        return int(entries.min()), int(entries.max())
+_CHUNK = 1 << 20  # bytes of a tray; when they are used up, a chunk does not wait for its time
+_BACKLOG = 1 << 26  # bytes of trays that may wait for a slow disk
+_SPARE = 2  # empty trays that are kept
 
 
 class RunWriter:
     """Record serialised messages of known topics; a context manager.
 
     The directory must not exist: a run is never overwritten. Messages are stored byte for byte.
-    ``write`` and ``close`` may be called from different threads.
+    ``write``, ``put`` and ``close`` may be called from different threads.
+
+    Compiled code may put messages in, too, and needs no interpreter for that. It is given the
+    memory of a tray that has room for them, and calls :func:`~cylconn_ros.recording.put.put` for
+    each, before the lock is released::
+
+        channels = np.array([writer.channels[topic] for topic in topics])  # once a run
+        with writer.lock:
+            compiled(*writer.tray(messages=8, size=4096).arrays, channels, time.time_ns(), ...)
+
+    ``size`` are bytes of messages, all together, at most. Either there is room for all of them, or
+    for none, and ``put`` then counts them as refused: nothing else need be done.
 
     Attributes
     ----------
         directory: the rosbag2 directory.
         failure: why the recording failed, or None.
+        refusal: why a message was last refused; empty where none was.
+        channels: the number of each topic in the file.
+        lock: held by whoever puts something into a tray.
     """
 
     def __init__(
@@ -119,7 +100,6 @@ class RunWriter:
         self._topics = tuple(topics)
         self._metadata = {str(key): str(value) for key, value in metadata.items()}
         self._hashes = {name: known.type_hash for name, known in found.items()}
-        self._start, self._end = 1 << 64, 0  # log times of the chunks on disk, ns
         self._patient = patient
         self._open = True
         try:
@@ -132,13 +112,21 @@ class RunWriter:
         try:
             self._file = Container(self._path, compression)
             self._file.add_metadata(METADATA_RECORD, self._metadata)
-            self._streams = self._register(found)
+            self._register(found)
         except OSError as error:
             raise RecordingError(f"{self._path}: {error.strerror or error}") from error
-        self._queue: deque[Sequence[Message]] = deque()
-        self._came = self._gone = 0  # bytes of messages that came into the queue, and left it
+        self.channels = {topic.name: channel for channel, topic in enumerate(topics, 1)}
+        self.refusal = ""
+        self._counts = np.zeros((2, 1 + len(topics)), np.int64)
+        self._lost = np.zeros(1 + len(topics), np.int64)  # accepted, but the disk then refused them
+        self._none = Tray(0, self._counts)
+        self._tray = Tray(_CHUNK, self._counts)  # that is being filled
+        self._spare = [Tray(_CHUNK, self._counts)]
+        self._full: deque[Tray] = deque()
+        self._waiting = 0  # bytes of the trays that are full, or on their way to the disk
         self._refusing = False  # failed or closed
-        self._lock = threading.Lock()  # of the end of the recording
+        self.lock = threading.Lock()
+        self._taken = threading.Condition(self.lock)  # a tray has been emptied, or none will be
         self._wake = threading.Event()  # the thread shall not wait for the end of its interval
         self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
         self._thread.start()
@@ -146,21 +134,23 @@ class RunWriter:
     @property
     def counts(self) -> dict[str, int]:
         """Messages accepted, per topic; without those that the disk then refused."""
-        return {topic: s.accepted - s.lost for topic, s in self._streams.items()}
+        return self._by_topic(self._counts[ACCEPTED] - self._lost)
 
     @property
     def lost(self) -> dict[str, int]:
         """Messages refused, per topic: by the disk, because it was too slow, or after the end."""
-        return {topic: s.refused + s.lost for topic, s in self._streams.items()}
+        return self._by_topic(self._counts[REFUSED] + self._lost)
 
-    def _register(self, interfaces: Mapping[str, Interface]) -> dict[str, _Stream]:
+    def _by_topic(self, counts: np.ndarray) -> dict[str, int]:
+        return {topic: int(counts[channel]) for topic, channel in self.channels.items()}
+
+    def _register(self, interfaces: Mapping[str, Interface]) -> None:
         schemas = {
             found.type: self._file.add_schema(found.type, found.definition)
             for found in interfaces.values()
         }
-        streams = {}
         for topic in self._topics:
-            channel = self._file.add_channel(
+            self._file.add_channel(
                 topic.name,
                 schemas[topic.type],
                 {
@@ -168,8 +158,6 @@ class RunWriter:
                     "topic_type_hash": self._hashes[topic.type],
                 },
             )
-            streams[topic.name] = _Stream(topic.name, channel)
-        return streams
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Append one message.
@@ -186,44 +174,73 @@ class RunWriter:
                 failure every further call raises and counts the message in ``lost``. What the disk
                 refuses is known within :data:`INTERVAL`, not in the same call.
         """
-        self.write_all([(topic, cdr, log_time_ns, publish_time_ns)])
+        if not self.put(self.channel(topic), cdr, log_time_ns, publish_time_ns):
+            raise RecordingError(self.refusal)
 
-    def write_all(self, messages: Sequence[Message]) -> None:
-        """Append messages, all of them or none; as :meth:`write` does, and may raise."""
-        streams = self._streams
+    def channel(self, topic: str) -> int:
+        """The number of a topic; raises RecordingError for one that is not recorded here."""
         try:
-            if self._came - self._gone > _CHUNK:
-                self._hurry()
-            if self._refusing:
-                raise RecordingError(self.failure or f"{self.directory}: recording is closed")
-            for topic, data, _, _ in messages:
-                streams[topic].accepted += 1
-                self._came += len(data)
-        except KeyError as unknown:
-            for topic, data, _, _ in messages:
-                if topic not in streams:
-                    break
-                streams[topic].accepted -= 1
-                self._came -= len(data)
-            known = ", ".join(streams)
-            raise RecordingError(
-                f"topic {unknown.args[0]} is not recorded here (only {known})"
-            ) from None
-        except RecordingError:
-            for topic, _, _, _ in messages:
-                streams[topic].refused += 1
-            raise
-        self._queue.append(messages)
+            return self.channels[topic]
+        except KeyError:
+            known = ", ".join(self.channels)
+            raise RecordingError(f"topic {topic} is not recorded here (only {known})") from None
 
-    def _hurry(self) -> None:
-        """Have the queue written now; raises RecordingError where too much waits."""
-        self._wake.set()
-        while self._came - self._gone > _BACKLOG and not self._refusing:
+    def put(self, channel: int, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> bool:
+        """Append one message of the topic of that number; where it is refused, count it: False."""
+        with self.lock:
+            if self._tray.put(channel, cdr, log_time_ns, publish_time_ns):
+                return True
+            if self.tray(1, len(cdr)).put(channel, cdr, log_time_ns, publish_time_ns):
+                return True
+            self._counts[REFUSED, channel] += 1
+            return False
+
+    def tray(self, messages: int, size: int) -> Tray:
+        """The tray for so many messages of ``size`` bytes together, for who holds the lock.
+
+        It is to be filled before the lock is released. A writer that is not patient gives one
+        without any room where there is none: it refuses, and counts, all that is put into it.
+        """
+        if self._tray.has_room(messages, size):
+            return self._tray
+        while not self._refusing:
+            self._wake.set()
+            if self._waiting < _BACKLOG:
+                self._set_aside()
+                self._tray = self._empty_one(messages, size)
+                return self._tray
             if not self._patient:
-                raise RecordingError(
+                self.refusal = (
                     f"{self._path}: the disk is too slow: {_BACKLOG >> 20} MiB wait for it"
                 )
-            time.sleep(0.01)
+                return self._none
+            self._taken.wait()
+        self.refusal = self.failure or f"{self.directory}: recording is closed"
+        return self._none
+
+    def _set_aside(self) -> None:
+        """Have the tray that is being filled written, if there is anything in it."""
+        tray, self._tray = self._tray, self._none
+        if len(tray):
+            self._full.append(tray)
+            self._waiting += tray.size
+        else:
+            self._keep(tray)
+
+    def _empty_one(self, messages: int = 0, size: int = 0) -> Tray:
+        if self._spare and self._spare[-1].has_room(messages, size):
+            return self._spare.pop()
+        tray = Tray(_CHUNK, self._counts)
+        return (
+            tray
+            if tray.has_room(messages, size)
+            else Tray.for_messages(messages, size, self._counts)
+        )
+
+    def _keep(self, tray: Tray) -> None:
+        """Use an empty tray again: that which was used last, as it is in the cache."""
+        if tray.size == _CHUNK and len(self._spare) < _SPARE:
+            self._spare.append(tray)
 
     def _work(self) -> None:
         """Put chunks on disk until the recording is closed or fails."""
@@ -233,51 +250,39 @@ class RunWriter:
             self._flush()
 
     def _flush(self) -> None:
-        """Empty the queue."""
-        queue, take, streams = self._queue, self._queue.popleft, self._streams
-        channels = [stream.channel for stream in self._streams.values()]
-        while queue and self.failure is None:
-            chunk, size = _Chunk(channels), 0
-            records, index = chunk.records, chunk.index
+        """Put on disk what there is."""
+        while (tray := self._next()) is not None:
             try:
-                while queue and size <= _CHUNK:
-                    for _ in range(min(len(queue), _SLICE)):
-                        for topic, data, log_time, publish_time in take():
-                            stream, length = streams[topic], len(data)
-                            channel = stream.channel
-                            index[channel] += _entry(log_time, len(records))
-                            records += _head(
-                                _OPCODE, _REST + length, channel, stream.sequence, log_time,
-                                publish_time,
-                            )  # fmt: skip
-                            records += data
-                            stream.sequence += 1
-                            size += length
-                    if queue:
-                        time.sleep(_PAUSE)
-                start, end = chunk.times()
-                self._file.add_chunk(records, index, start, end)
+                self._file.add_chunk(*tray.held())
             except Exception as error:  # whatever the disk or the library says, others go on
-                self._fail(error, chunk)
-            else:
-                self._start, self._end = min(self._start, start), max(self._end, end)
-            self._gone += size
+                self._fail(error, tray)
+            with self.lock:
+                self._waiting -= tray.size
+                tray.clear()
+                self._keep(tray)
+                self._taken.notify_all()
 
-    def _fail(self, error: Exception, chunk: _Chunk | None = None) -> RecordingError:
+    def _next(self) -> Tray | None:
+        """Take away the tray to be written next."""
+        with self.lock:
+            if not self._full and len(self._tray):
+                self._set_aside()
+                self._tray = self._empty_one()
+            return self._full.popleft() if self._full else None
+
+    def _fail(self, error: Exception, tray: Tray | None = None) -> RecordingError:
         """Refuse everything from now on; what has not reached the disk is lost."""
         reason = getattr(error, "strerror", None) or repr(error)
-        self.failure = f"{self._path}: {reason}"
-        self._refusing = True
-        if chunk is not None:
-            for stream in self._streams.values():
-                stream.lost += len(chunk.index[stream.channel]) // INDEX_ENTRY.size
-        self._drop_queue()
+        with self.lock:
+            self.failure = f"{self._path}: {reason}"
+            self._refusing = True
+            self._set_aside()
+            for lost in (*self._full, *([tray] if tray is not None else [])):
+                channels = lost.held()[1][:, CHANNEL]
+                self._lost += np.bincount(channels, minlength=len(self._lost))
+            self._full.clear()
+            self._taken.notify_all()
         return RecordingError(self.failure)
-
-    def _drop_queue(self) -> None:
-        while self._queue:
-            for topic, _, _, _ in self._queue.popleft():
-                self._streams[topic].lost += 1
 
     def close(self) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
@@ -287,14 +292,15 @@ class RunWriter:
             RecordingError: something could not be written. metadata.yaml is written if it can be,
                 and says under ``custom_data: incomplete`` what went wrong.
         """
-        with self._lock:
+        with self.lock:
             if not self._open:
                 return
             self._open, self._refusing = False, True
+            self._set_aside()
+            self._taken.notify_all()
         self._wake.set()
         self._thread.join()
         self._flush()
-        self._drop_queue()  # of a recording that failed
         failure = RecordingError(self.failure) if self.failure is not None else None
         try:  # also after a failure: the file then ends with its last whole chunk
             self._file.add_metadata("rosbag2", {"serialized_metadata": self._bag_yaml()})
@@ -316,14 +322,14 @@ class RunWriter:
         custom = dict(self._metadata)
         if self.failure is not None:
             custom["incomplete"] = self.failure
-        none = not any(self.counts.values())
+        start, end = self._file.times
         return bag_information(
             self._path.name,
             self._topics,
             self._hashes,
             self.counts,
-            0 if none else self._start,
-            self._end,
+            start,
+            end,
             custom,
         )
 

@@ -106,13 +106,11 @@ class ConnectorNode(LifecycleNode):
     # --- watching --------------------------------------------------------------------------------
 
     def _look(self, now: float) -> float:
-        """Watch timeouts, and record what no answer has followed; when to look again."""
-        with self._lock:
-            self.recorder.flush()
+        """Watch timeouts; when to look again."""
         if now >= self._due:
             first = min(connector.look(now) for connector in self._connectors)
             self._due = max(first, now + _LOOK)
-        return min(self._due, now + (_LOOK if self.recorder.running else _TURN))
+        return min(self._due, now + _TURN)
 
     def _look_for(self, overdue: float) -> None:
         """Look on the executor, if whoever should have looked has not for ``overdue`` s."""

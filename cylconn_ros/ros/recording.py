@@ -11,7 +11,7 @@ from typing import Any
 
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.writer import Message, RunWriter
+from cylconn_ros.recording.writer import RunWriter
 
 
 class Recorder:
@@ -25,7 +25,6 @@ class Recorder:
         self._lock = lock or contextlib.nullcontext()
         self._permitted = None if permitted is None else permitted.expanduser().resolve()
         self._writer: RunWriter | None = None
-        self._kept: list[Message] = []  # to be recorded together
         self._error = ""
         self._lost = 0  # not recorded, and not known to the writer of the open run
         self.directory: Path | None = None  # of this or the last run
@@ -36,6 +35,11 @@ class Recorder:
         return self._writer is not None
 
     @property
+    def writer(self) -> RunWriter | None:
+        """What writes the open run, for compiled code to put messages in (see there)."""
+        return self._writer
+
+    @property
     def recorded(self) -> int:
         """Messages in the open run."""
         return 0 if self._writer is None else sum(self._writer.counts.values())
@@ -43,7 +47,8 @@ class Recorder:
     @property
     def failure(self) -> str:
         """The last failure of this or the last run, or of the attempt to open one."""
-        return (self._writer.failure if self._writer is not None else "") or self._error
+        writer = self._writer
+        return (writer and (writer.failure or writer.refusal)) or self._error
 
     @property
     def lost(self) -> int:
@@ -90,32 +95,21 @@ class Recorder:
         self._error, self._lost = "", 0
         return self.directory
 
-    def keep(self, topic: str, data: bytes, time_ns: int) -> None:
-        """Have a message recorded with the next that is; ``time_ns`` is when it came or went."""
-        self._kept.append((topic, data, time_ns, time_ns))
-
     def write(self, topic: str, data: bytes, time_ns: int) -> None:
-        """Record what was kept and a message, if a run is open."""
-        self.keep(topic, data, time_ns)
-        self.flush()
-
-    def flush(self) -> None:
-        """Record what was kept, if a run is open."""
-        kept, self._kept = self._kept, []
+        """Record a message, if a run is open; ``time_ns`` is when it came or went."""
         writer = self._writer
-        if writer is None or not kept:
+        if writer is None:
             return
-        try:
-            writer.write_all(kept)
-        except RecordingError as error:
-            self._error = str(error)
-            known = writer.lost
-            self._lost += sum(topic not in known for topic, _, _, _ in kept)
+        channel = writer.channels.get(topic, 0)
+        if channel:
+            writer.put(channel, data, time_ns, time_ns)  # which counts what it refuses
+        else:
+            self._error = f"topic {topic} is not recorded here"
+            self._lost += 1
 
     def stop(self) -> str:
         """Close the run and say what it holds; raises RecordingError where closing fails."""
         with self._lock:
-            self.flush()
             writer, self._writer = self._writer, None
         if writer is None:
             raise RecordingError("not recording")

@@ -88,7 +88,7 @@ class Served:
             for connector, its in takers:
                 connector.take(its, data, answered)
             if recording:
-                recorder.keep(topic, data, came)
+                recorder.write(topic, data, came)
                 for connector, answer in answered:
                     connector.record(answer)
             return bool(answered)
@@ -120,8 +120,7 @@ class Served:
         """Record an answer, after the message that completed its sample."""
         went = now()
         for topic, data in self.topics.outgoing(answer):
-            self._recorder.keep(topic, data, went)
-        self._recorder.flush()
+            self._recorder.write(topic, data, went)
 
     def _wanted(self, name: str) -> bool:
         """Whether an output is to be made: somebody listens, or it is recorded."""

@@ -1,0 +1,211 @@
+"""Messages copied into trays: by Python and by compiled code alike, and what happens when full."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from numpy.typing import NDArray
+
+from cylconn_ros.core.compiled import entry
+from cylconn_ros.recording import writer as writer_module
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.recording.put import put
+from cylconn_ros.recording.reader import read_run
+from cylconn_ros.recording.tray import ACCEPTED, REFUSED, Tray
+from cylconn_ros.recording.writer import RunWriter
+
+TOPICS = [TopicInfo(f"/t{k}", "std_msgs/msg/String") for k in range(3)]
+FIRST = 1_700_000_000_000_000_123
+MESSAGES = [
+    # channel, log time, publish time, message
+    (1, FIRST, FIRST - 1, b"\x00\x01\x00\x00" + bytes(range(77))),
+    (3, FIRST + 5, 7, b""),
+    (1, FIRST - 9, 1 << 62, b"x"),
+    (2, 0, 0, bytes(300)),
+    (1, (1 << 63) - 1, 255, b"\xff" * 41),
+]
+
+
+@entry
+def put_one(
+    records: NDArray[np.uint8],
+    entries: NDArray[np.int64],
+    state: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    channel: int,
+    log_time: int,
+    publish_time: int,
+    data: NDArray[np.uint8],
+    length: int,
+) -> bool:
+    """Call ``put`` as compiled code does."""
+    return put(
+        records, entries, state, counts, channel, log_time, publish_time, data, length
+    )  # fmt: skip
+
+
+def put_compiled(tray: Tray, channel: int, log_time: int, publish_time: int, data: bytes) -> bool:
+    longer = np.frombuffer(data + b"what follows is not part of it", np.uint8)
+    return bool(put_one(*tray.arrays, channel, log_time, publish_time, longer, len(data)))
+
+
+def counts() -> NDArray[np.int64]:
+    return np.zeros((2, 4), np.int64)
+
+
+def test_python_and_compiled_code_put_in_the_same() -> None:
+    ours, theirs = Tray(4096, counts()), Tray(4096, counts())
+    for tray in (ours, theirs):
+        tray.arrays.counts[ACCEPTED, 1] = (1 << 32) - 1  # the next number does not fit into 32 bits
+    for channel, log_time, publish_time, data in MESSAGES:
+        assert ours.put(channel, data, log_time, publish_time)
+        assert put_compiled(theirs, channel, log_time, publish_time, data)
+    assert len(ours) == len(theirs) == len(MESSAGES)
+    assert bytes(ours.held()[0]) == bytes(theirs.held()[0])
+    np.testing.assert_array_equal(ours.held()[1], theirs.held()[1])
+    np.testing.assert_array_equal(ours.arrays.counts, theirs.arrays.counts)
+
+    expected, at = b"", []
+    numbers = {1: (1 << 32) - 1, 2: 0, 3: 0}
+    for channel, log_time, publish_time, data in MESSAGES:
+        at.append(len(expected))
+        expected += struct.pack(
+            "<BQHIQQ", 5, 22 + len(data), channel, numbers[channel] & 0xFFFFFFFF, log_time,
+            publish_time,
+        )  # fmt: skip
+        expected += data
+        numbers[channel] += 1
+    assert bytes(ours.held()[0]) == expected
+    assert ours.held()[1].tolist() == [
+        [channel, log_time, offset]
+        for (channel, log_time, *_), offset in zip(MESSAGES, at, strict=True)
+    ]
+    ours.clear()
+    assert len(ours) == 0
+    assert bytes(ours.held()[0]) == b""
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize(("size", "room"), [(3 * 131, 3), (3 * 131 - 1, 2), (2 * 131 + 31, 2)])
+def test_what_does_not_fit_leaves_a_tray_as_it_was(compiled: bool, size: int, room: int) -> None:
+    tray, data = Tray(size, counts()), bytes(range(100))
+    for k in range(4):
+        assert tray.has_room(1, 100) is (k < room)
+        before = bytes(tray.held()[0])
+        taken = put_compiled(tray, 2, k, k, data) if compiled else tray.put(2, data, k, k)
+        assert taken is (k < room)
+        assert taken or bytes(tray.held()[0]) == before
+    assert len(tray) == room
+    assert tray.arrays.counts[ACCEPTED].tolist() == [0, 0, room, 0]
+    # Who puts in from Python looks for another tray first.
+    assert tray.arrays.counts[REFUSED].tolist() == [0, 0, (4 - room) * compiled, 0]
+
+
+def test_many_small_messages_fill_a_tray_too() -> None:
+    tray = Tray(6400, counts())
+    while tray.put(1, b"", 0, 0):
+        pass
+    assert len(tray) == 100
+    assert not put_compiled(tray, 1, 0, 0, b"")
+    assert Tray.for_messages(1000, 0, counts()).has_room(1000, 0)
+    assert Tray.for_messages(1, 1 << 20, counts()).has_room(1, 1 << 20)
+
+
+def test_compiled_code_records_under_the_lock(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
+        channels = [writer.channels[topic.name] for topic in TOPICS]
+        for k in range(200):
+            with writer.lock:
+                tray = writer.tray(3, 300)
+                for channel in channels[:2]:
+                    assert put_compiled(tray, channel, 10 * k, k, bytes([k]) * 100)
+            writer.write("/t2", b"python", 10 * k + 1, k)
+        assert writer.counts == {"/t0": 200, "/t1": 200, "/t2": 200}
+    run = read_run(tmp_path / "run")
+    for topic in ("/t0", "/t1"):
+        assert list(run.raw(topic)) == [(10 * k, k, bytes([k]) * 100) for k in range(200)]
+    assert list(run.raw("/t2")) == [(10 * k + 1, k, b"python") for k in range(200)]
+
+
+def test_records_are_numbered_and_indexed_by_channel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer_module, "_CHUNK", 1000)
+    with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
+        for k in range(40):  # times that go up and down
+            writer.write(f"/t{k % 2}", bytes(50), 1000 + 7 * k % 40, k)
+    path = tmp_path / "run" / "run_0.mcap"
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        found = [(c.topic, m.sequence, m.log_time) for _, c, m in
+                 reader.iter_messages(log_time_order=False)]  # fmt: skip
+    assert found == [(f"/t{k % 2}", k // 2, 1000 + 7 * k % 40) for k in range(40)]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert len(summary.chunk_indexes) > 3
+    times = [log_time for *_, log_time in found]
+    assert summary.statistics.message_start_time == min(times)
+    assert summary.statistics.message_end_time == max(times)
+    done = 0
+    for chunk in summary.chunk_indexes:
+        assert list(chunk.message_index_offsets) == [1, 2]
+        count = chunk.uncompressed_size // 81
+        own = times[done : done + count]
+        assert (chunk.message_start_time, chunk.message_end_time) == (min(own), max(own))
+        done += count
+    with path.open("rb") as stream:  # by the index, in the order of time
+        read = [m.log_time for _, _, m in make_reader(stream).iter_messages(topics=["/t1"])]
+    assert read == sorted(times[1::2])
+
+
+def test_a_message_larger_than_a_tray_has_one_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer_module, "_CHUNK", 1000)
+    sizes = [10, 5000, 20, 900, 3_000_000, 30]
+    with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
+        for k, size in enumerate(sizes):
+            writer.write("/t0", bytes(size), k, k)
+    found = [(k, len(data)) for k, _, data in read_run(tmp_path / "run").raw("/t0")]
+    assert found == list(enumerate(sizes))
+
+
+def test_after_the_end_everything_is_refused_and_counted(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / "run", TOPICS, {})
+    assert writer.put(1, b"x", 0, 0)
+    writer.close()
+    assert not writer.put(1, b"y", 0, 0)
+    with writer.lock:
+        tray = writer.tray(1, 1)
+        assert not put_compiled(tray, 1, 0, 0, b"z")
+        assert not tray.put(1, b"z", 0, 0)
+    assert "recording is closed" in writer.refusal
+    assert writer.counts["/t0"] == 1
+    assert writer.lost == {"/t0": 2, "/t1": 0, "/t2": 0}
+    assert read_run(tmp_path / "run").counts["/t0"] == 1
+
+
+def test_many_threads_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer_module, "_CHUNK", 2000)
+    monkeypatch.setattr(writer_module, "_BACKLOG", 6000)
+    with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
+
+        def write(topic: str) -> None:
+            for k in range(500):
+                writer.write(topic, topic.encode() * 20, k, k)
+
+        threads = [threading.Thread(target=write, args=(topic.name,)) for topic in TOPICS]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    run = read_run(tmp_path / "run")
+    for topic in TOPICS:
+        expected = [(k, k, topic.name.encode() * 20) for k in range(500)]
+        assert list(run.raw(topic.name)) == expected
