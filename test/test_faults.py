@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
+from test_diagnostics import reported
 from test_live_answering import Loop, make
 
 from cylconn_ros.bench.faults import measure, sweep
@@ -85,10 +85,10 @@ def test_diagnostics_say_what_is_scaled_down_and_how_late_wrenches_act():
     for _ in range(10):
         loop.step()
     monitor = Monitor("connector")
-    status = monitor.report(Time(), loop.answering, None, Links(state="active")).status[1]
+    status = reported(monitor, loop.answering, None, Links(state="active"))[1]
     values = {pair.key: pair.value for pair in status.values}
     assert int(values["saturated"]) > 3
     assert values["latency [samples]"] == "2"
     assert "wrenches are scaled down to the limits" in status.message
-    status = monitor.report(Time(), loop.answering, None, Links(state="active")).status[1]
+    status = reported(monitor, loop.answering, None, Links(state="active"))[1]
     assert "scaled down" not in status.message  # nothing new since

@@ -11,6 +11,7 @@ from rclpy.serialization import serialize_message
 from ros_processes import Listener, Source
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from test_diagnostics import reported
 from test_live_answering import MS, Loop, make
 from test_live_loop import assert_replayed
 
@@ -80,15 +81,9 @@ def test_what_cannot_be_followed_is_refused_whole_counted_and_told(data, text):
     assert (loop.answering.health.commands, loop.answering.health.refused) == (1, 1)
     loop.step()
     assert loop.answering.out[layout.FORCE_ACTUATION] == 1.5  # as before
-    (samples, *_) = Monitor("c").report(_stamp(), loop.answering, Recorder(), Links()).status
+    (samples, *_) = reported(Monitor("c"), loop.answering, Recorder(), Links())
     assert "a command cannot be followed: " in samples.message
     assert {pair.key: pair.value for pair in samples.values}["commands refused"] == "1"
-
-
-def _stamp():
-    from builtin_interfaces.msg import Time
-
-    return Time()
 
 
 def test_what_is_no_message_is_undecodable():
@@ -203,7 +198,7 @@ def test_stops_and_locks_are_told():
     for _ in range(8):
         loop.step()
         seen.add((int(loop.answering.out[layout.STOP]), int(loop.answering.out[layout.LOCK])))
-        status = monitor.report(_stamp(), loop.answering, Recorder(), Links()).status[1]
+        status = reported(monitor, loop.answering, Recorder(), Links())[1]
         messages.append((status.message, {pair.key: pair.value for pair in status.values}))
     assert (2, 0) in seen or (2, 2) in seen
     assert any("at stop: length max" in message for message, _ in messages)

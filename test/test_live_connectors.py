@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from ros_processes import Peer, Source, module, program, stamp_of
@@ -93,8 +94,6 @@ def test_one_that_is_silent_does_not_hold_up_the_other(scene, tmp_path):
     try:
         reports = peer.collect(DiagnosticArray, "/diagnostics")
         with program([*module("connector_node"), *ros(scene)], tmp_path):
-            from geometry_msgs.msg import WrenchStamped  # the answers of both, as they come
-
             wrenches = {
                 name: peer.collect(WrenchStamped, f"/{name}/body_b/wrench")
                 for name in ("front", "rear")
@@ -120,6 +119,28 @@ def test_one_that_is_silent_does_not_hold_up_the_other(scene, tmp_path):
             change(peer)
     finally:
         peer.close()
+
+
+def test_more_than_have_room_in_one_report_are_reported_on_in_turns(tmp_path):
+    names = [f"c{k}" for k in range(23)]
+    scene = tmp_path / "scene.yaml"
+    text = SCENE.replace("[front, rear]", f"[{', '.join(names)}]").replace("true", "false")
+    scene.write_text(text.partition("    rear:")[0], encoding="utf-8")
+    peer = Peer()
+    try:
+        reports = peer.collect(DiagnosticArray, "/diagnostics")
+        with program([*module("connector_node"), *ros(scene)], tmp_path):
+            wrong = peer.node.create_publisher(WrenchStamped, "/c22/body_b/pose", 10)
+            peer.spin_until(lambda: "another message type on /c22" in str(reports), "the type")
+            assert wrong.get_subscription_count() == 0
+            peer.spin_until(lambda: len(reports) >= 8, "a report on everyone")
+    finally:
+        peer.close()
+    told = [[status.name for status in array.status] for array in reports]
+    assert {len(one) for one in told} <= {9, 10, 6}  # three a time, the last two; the recording
+    assert sum("connector/c22: samples" in one for one in told[-8:]) == 1
+    every = {f"connector/{name}: {part}" for name in names for part in ("samples", "topics")}
+    assert {name for one in told for name in one} >= every
 
 
 def change(peer: Peer) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from cylconn_ros.core import layout
 
-_ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
+ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
 _HEADER = 4
 _WORDS = 12  # what follows the stamp
 _SECOND = 1_000_000_000
@@ -26,7 +26,7 @@ class _Message:
     """The bytes of a message under construction."""
 
     def __init__(self, frame: str) -> None:
-        self.data = bytearray(_ENCAPSULATION + bytes(8))
+        self.data = bytearray(ENCAPSULATION + bytes(8))
         self.string(frame)
 
     def align(self, size: int) -> int:
@@ -87,7 +87,7 @@ class StampedWriter:
 
     def join(self, stamp: bytes, numbers: bytes) -> bytes:
         """The same of what is bytes already."""
-        return b"".join((_ENCAPSULATION, stamp, self._words, numbers))
+        return b"".join((ENCAPSULATION, stamp, self._words, numbers))
 
     def rows(self, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(n, bytes) uint8: what :meth:`write` gives for (n,) stamps and (n, count) values."""
@@ -178,7 +178,7 @@ class StateWriter:
         """The same of what is bytes already, and the five whole numbers."""
         regime, stop, lock, status, flags = whole
         small = _NUMBERS.pack(int(regime), int(stop), int(lock), int(status), int(flags))
-        return b"".join((_ENCAPSULATION, stamp, self._words, numbers, small, self._end))
+        return b"".join((ENCAPSULATION, stamp, self._words, numbers, small, self._end))
 
     def rows(self, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
         """(n, bytes) uint8: what :meth:`write` gives for (n,) stamps and (n, NOUT) answers."""

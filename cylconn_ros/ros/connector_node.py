@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -23,6 +24,8 @@ from cylconn_ros.methods.together import answer as answer_together
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.ros import loop, process
 from cylconn_ros.ros.arguments import Arguments
+from cylconn_ros.ros.diagnostics import OK
+from cylconn_ros.ros.diagnostics_writer import Part, written
 from cylconn_ros.ros.names import said
 from cylconn_ros.ros.parameters import SceneParameters, differences, ros_part
 from cylconn_ros.ros.recording import Recorder
@@ -46,6 +49,8 @@ compiling."""
 _LOOK, _TURN = 0.02, 0.1  # s between looks at the clock, least and most
 _OVERDUE = 0.5  # s without a look before it is taken out of the loop's hands
 _REPORTS = 1.0  # s between reports on a connector
+_TURNS, _MOST = 10, 16  # turns in which they are reported on; connectors in a message
+_GRAPH = 2.5  # s between looks at the graph
 _TAKING = 0.2  # s for the last wrenches to be acknowledged
 
 
@@ -78,10 +83,13 @@ class ConnectorNode(LifecycleNode):
         )
         self.state = "unconfigured"  # of the lifecycle
         self._next_report = 0
+        self._graph_due = 0.0
         self._due = 0.0  # when to look at the clock (s, steady)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_REPORTS / len(scenes), self._diagnose, clock=self._steady)
+        self._at_once = min(math.ceil(len(scenes) / _TURNS), _MOST)
+        turns = math.ceil(len(scenes) / self._at_once)
+        self.create_timer(_REPORTS / turns, self._diagnose, clock=self._steady)
         if self._loop is None:
             self.create_timer(_LOOK, lambda: self._look_for(0.0), clock=self._steady)
         for name, serve in (
@@ -119,18 +127,32 @@ class ConnectorNode(LifecycleNode):
             self._look(now)
 
     def _diagnose(self) -> None:
-        """Report on one connector after the other, each once a second, and on the recording."""
+        """Report on some connectors after the others, each once a second, and on the recording."""
         self._look_for(_OVERDUE)
-        turn = self._next_report
-        self._next_report = (turn + 1) % len(self._connectors)
-        stamp = self.get_clock().now().to_msg()
-        report = self._connectors[turn].report(stamp, None if turn else self.recorder)
-        self._diagnostics.publish(report)
-        for status in report.status:  # the log says what is new; how often it was is in the report
-            bad = status.level != DiagnosticStatus.OK
-            if bad and self._said.get(status.name) != status.message:
-                self.get_logger().warning(f"{status.name}: {status.message}")
-            self._said[status.name] = status.message if bad else ""
+        first = self._next_report
+        those = self._connectors[first : first + self._at_once]
+        self._next_report = (first + len(those)) % len(self._connectors)
+        if not first:
+            self._look_for_types()
+        parts: list[Part] = []
+        for connector in those:
+            recorder = self.recorder if connector is self._connectors[0] else None
+            parts += connector.report(recorder)
+        self._diagnostics.publish(written(self.get_clock().now().nanoseconds, parts))
+        for part in parts:  # the log says what is new; how often it was is in the report
+            bad = part.level != OK
+            if bad and self._said.get(part.name) != part.message:
+                self.get_logger().warning(f"{part.name}: {part.message}")
+            self._said[part.name] = part.message if bad else ""
+
+    def _look_for_types(self) -> None:
+        """Ask the graph, now and then, who publishes other messages on an input."""
+        now = time.monotonic()
+        if now >= self._graph_due:
+            self._graph_due = now + _GRAPH
+            graph = dict(self.get_topic_names_and_types())
+            for connector in self._connectors:
+                connector.topics.look_for_types(graph)
 
     def caught(self, error: Exception) -> bool:
         """Count and report what a callback raised; the node goes on."""

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from cylconn_ros.core import layout
 from cylconn_ros.ros.answering import Answering
+from cylconn_ros.ros.diagnostics_writer import Part, PartWriter
 from cylconn_ros.ros.health import Health
 from cylconn_ros.ros.recording import Recorder
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK, WARN, ERROR = (
+    level[0] for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+)
 
 _REGIMES = {layout.FRICTIONLESS: "frictionless", layout.STICK: "stick", layout.SLIP: "slip"}
 _FLAGS = {
@@ -68,81 +70,48 @@ class Links:
     state: str = "unconfigured"  # of the lifecycle
 
 
+Problem = tuple[int, str]
+"""A level and a text."""
+
+
 class Monitor:
     """Turn counts into diagnostics; what happened since the last report decides the level."""
 
     def __init__(self, node_name: str) -> None:
-        self._name = node_name
+        self._writers = {
+            part: PartWriter(f"{node_name}: {part}", node_name)
+            for part in ("samples", "solution", "topics", "recording")
+        }
         self._before: dict[str, int] = {}
         self._time = time.monotonic()
 
     def report(
         self,
-        stamp: Time,
         answering: Answering | None,
         recorder: Recorder | None,
         links: Links,
         health: Health | None = None,
-    ) -> DiagnosticArray:
+    ) -> list[Part]:
         """Report on everything; ``health`` as taken from ``answering``, if not here and now.
 
         On the recording only where ``recorder`` is given.
         """
         now = time.monotonic()
         elapsed, self._time = max(now - self._time, 1e-9), now
-        array = DiagnosticArray()
-        array.header.stamp = stamp
+        parts = []
         if answering is not None:
             health = health or answering.health.taken()
-            array.status.append(self._samples(answering, health, links, elapsed))
-            array.status.append(self._solution(answering, health))
-        array.status.append(self._topics(answering, links))
+            parts.append(self._samples(answering, health, links, elapsed))
+            parts.append(self._solution(answering, health))
+        parts.append(self._topics(answering, links))
         if recorder is not None:
-            array.status.append(self._recording(recorder))
-        return array
+            parts.append(self._recording(recorder))
+        return parts
 
-    def _samples(
-        self, answering: Answering, health: Health, links: Links, elapsed: float
-    ) -> DiagnosticStatus:
+    def _samples(self, answering: Answering, health: Health, links: Links, elapsed: float) -> Part:
         counts = answering.matcher.counts
-        before = self._before.get("samples", 0)
-        rate = (counts.samples - before) / elapsed
-        problems = [
-            (ERROR, self._new("failed", health.failed), f"computing failed: {health.failure}"),
-            (ERROR, self._new("non-finite", health.not_finite), "input is not finite"),
-            (
-                ERROR,
-                self._new("bad quaternion", health.bad_quaternion),
-                "an orientation cannot be normalised",
-            ),
-            (
-                ERROR,
-                self._new("undecodable", health.undecodable),
-                f"a message cannot be decoded: {health.undecodable_text}",
-            ),
-            (
-                WARN,
-                self._new("refused", health.refused),
-                f"a command cannot be followed: {health.refusal}",
-            ),
-            (WARN, self._new("no period", health.no_period), "no time step between samples yet"),
-            (
-                WARN,
-                self._new("off period", health.off_period),
-                f"stamps are {health.seen_period:g} s apart, "
-                f"but period says {answering.scene.period:g} s",
-            ),
-            (WARN, self._new("late", counts.late), "messages arrive late"),
-            (WARN, self._new("incomplete", counts.incomplete), "samples stay incomplete"),
-            (WARN, self._new("restarts", counts.restarts), "stamps went back: a new history"),
-            (
-                WARN,
-                self._new("foreign frames", counts.foreign_frames),
-                "a frame_id names no frame of the scene",
-            ),
-            (WARN, links.silent, "no complete sample for longer than timeout: zero wrench"),
-            (WARN, links.state != "active", f"the node is {links.state}"),
-        ]
+        rate = (counts.samples - self._before.get("samples", 0)) / elapsed
+        self._before["samples"] = counts.samples
         values = {
             "rate [1/s]": f"{rate:.1f}",
             "samples answered": counts.samples,
@@ -162,26 +131,54 @@ class Monitor:
             "commands refused": health.refused,
             "timeouts": links.timeouts,
         }
-        self._before["samples"] = counts.samples
-        return self._status("samples", problems, f"{rate:.0f} samples/s", values)
+        problems = self._sample_problems(answering, health, links)
+        return self._part("samples", problems, f"{rate:.0f} samples/s", values)
 
-    def _solution(self, answering: Answering, health: Health) -> DiagnosticStatus:
+    def _sample_problems(
+        self, answering: Answering, health: Health, links: Links
+    ) -> Iterator[Problem]:
+        counts = answering.matcher.counts
+        if self._new("failed", health.failed):
+            yield ERROR, f"computing failed: {health.failure}"
+        if self._new("non-finite", health.not_finite):
+            yield ERROR, "input is not finite"
+        if self._new("bad quaternion", health.bad_quaternion):
+            yield ERROR, "an orientation cannot be normalised"
+        if self._new("undecodable", health.undecodable):
+            yield ERROR, f"a message cannot be decoded: {health.undecodable_text}"
+        if self._new("refused", health.refused):
+            yield WARN, f"a command cannot be followed: {health.refusal}"
+        if self._new("no period", health.no_period):
+            yield WARN, "no time step between samples yet"
+        if self._new("off period", health.off_period):
+            seen, period = health.seen_period, answering.scene.period
+            yield WARN, f"stamps are {seen:g} s apart, but period says {period:g} s"
+        if self._new("late", counts.late):
+            yield WARN, "messages arrive late"
+        if self._new("incomplete", counts.incomplete):
+            yield WARN, "samples stay incomplete"
+        if self._new("restarts", counts.restarts):
+            yield WARN, "stamps went back: a new history"
+        if self._new("foreign frames", counts.foreign_frames):
+            yield WARN, "a frame_id names no frame of the scene"
+        if links.silent:
+            yield WARN, "no complete sample for longer than timeout: zero wrench"
+        if links.state != "active":
+            yield WARN, f"the node is {links.state}"
+
+    def _solution(self, answering: Answering, health: Health) -> Part:
+        connector = answering.connector
         regime = _REGIMES.get(health.regime, str(health.regime))
-        flags = _named(_FLAGS, health.flags)
-        stops, locked = _named(_STOPS, health.stops), _named(_LOCKS, health.lock)
-        fine = f"{answering.connector.method}, {regime}"
+        flags, stops = _named(_FLAGS, health.flags), _named(_STOPS, health.stops)
+        locked = _named(_LOCKS, health.lock)
+        fine = f"{connector.method}, {regime}"
         fine += f", at stop: {stops}" if stops else ""
         fine += f", locked: {locked}" if locked else ""
-        problems = [
-            (WARN, bool(health.flags & bit), _FLAGS[bit]) for bit in _FLAGS if bit & _WORRYING
-        ]
-        saturated = self._new("saturated", health.saturated)
-        problems.append((WARN, saturated, "wrenches are scaled down to the limits"))
         values = {
-            "method": answering.connector.method,
-            "model": answering.connector.model,
+            "method": connector.method,
+            "model": connector.model,
             "regime": regime,
-            "latency [samples]": answering.connector.late,
+            "latency [samples]": connector.late,
             "saturated": health.saturated,
             "worst residual": f"{health.worst_residual:.3g}",
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
@@ -192,25 +189,16 @@ class Monitor:
             "locked": locked or "none",
             **{f"imposed on {name}": what for name, what in answering.imposed.items()},
         }
-        return self._status("solution", problems, fine, values)
+        return self._part("solution", self._solution_problems(health), fine, values)
 
-    def _topics(self, answering: Answering | None, links: Links) -> DiagnosticStatus:
-        missing = () if answering is None else answering.matcher.missing
-        problems = [
-            (WARN, True, f"incompatible QoS on {topic}: {policy}; its messages do not arrive")
-            for topic, policy in links.incompatible.items()
-        ]
-        problems += [
-            (WARN, True, f"another message type on {topic}: {types}; its messages do not arrive")
-            for topic, types in links.other_types.items()
-        ]
-        problems += [
-            (ERROR, self._new("unsent", links.unsent), f"not published: {links.unsent_text}"),
-            (ERROR, self._new("caught", links.caught), f"a callback failed: {links.caught_text}"),
-            (WARN, self._new("dropped", links.lost), "messages were dropped on the way"),
-        ]
-        if missing:
-            problems.append((WARN, True, f"nothing received yet on {', '.join(missing)}"))
+    def _solution_problems(self, health: Health) -> Iterator[Problem]:
+        worrying = health.flags & _WORRYING
+        if worrying:
+            yield from ((WARN, text) for bit, text in _FLAGS.items() if bit & worrying)
+        if self._new("saturated", health.saturated):
+            yield WARN, "wrenches are scaled down to the limits"
+
+    def _topics(self, answering: Answering | None, links: Links) -> Part:
         values: dict[str, object] = {
             "incompatible QoS": len(links.incompatible),
             "other message types": len(links.other_types),
@@ -220,37 +208,44 @@ class Monitor:
         }
         if answering is not None:
             values.update({f"{k} messages": n for k, n in answering.matcher.received.items()})
-        return self._status("topics", problems, "connected", values)
+        return self._part("topics", self._topic_problems(answering, links), "connected", values)
 
-    def _recording(self, recorder: Recorder) -> DiagnosticStatus:
-        problems = [(ERROR, bool(recorder.failure), f"recording failed: {recorder.failure}")]
+    def _topic_problems(self, answering: Answering | None, links: Links) -> Iterator[Problem]:
+        for topic, policy in links.incompatible.items():
+            yield WARN, f"incompatible QoS on {topic}: {policy}; its messages do not arrive"
+        for topic, types in links.other_types.items():
+            yield WARN, f"another message type on {topic}: {types}; its messages do not arrive"
+        if self._new("unsent", links.unsent):
+            yield ERROR, f"not published: {links.unsent_text}"
+        if self._new("caught", links.caught):
+            yield ERROR, f"a callback failed: {links.caught_text}"
+        if self._new("dropped", links.lost):
+            yield WARN, "messages were dropped on the way"
+        missing = () if answering is None else answering.matcher.missing
+        if missing:
+            yield WARN, f"nothing received yet on {', '.join(missing)}"
+
+    def _recording(self, recorder: Recorder) -> Part:
+        failure, running = recorder.failure, recorder.running
+        problems = [(ERROR, f"recording failed: {failure}")] if failure else []
         values = {
-            "recording": "yes" if recorder.running else "no",
+            "recording": "yes" if running else "no",
             "directory": recorder.directory or "",
             "messages recorded": recorder.recorded,
             "messages lost": recorder.lost,
         }
-        return self._status(
-            "recording", problems, "recording" if recorder.running else "not recording", values
-        )
+        fine = "recording" if running else "not recording"
+        return self._part("recording", problems, fine, values)
 
     def _new(self, name: str, count: int) -> bool:
         """Whether a count has grown since the last report."""
         before, self._before[name] = self._before.get(name, 0), count
         return count > before
 
-    def _status(
-        self,
-        part: str,
-        problems: list[tuple[bytes, bool, str]],
-        fine: str,
-        values: Mapping[str, object],
-    ) -> DiagnosticStatus:
-        present = [(level, text) for level, is_there, text in problems if is_there]
-        return DiagnosticStatus(
-            level=max((level for level, _ in present), default=OK),
-            name=f"{self._name}: {part}",
-            message="; ".join(text for _, text in present) or fine,
-            hardware_id=self._name,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
+    def _part(
+        self, part: str, problems: Iterable[Problem], fine: str, values: Mapping[str, object]
+    ) -> Part:
+        present = list(problems)
+        level = max((level for level, _ in present), default=OK)
+        message = "; ".join(text for _, text in present) or fine
+        return self._writers[part].write(level, message, values)

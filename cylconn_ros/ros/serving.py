@@ -10,14 +10,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.ros.answering import Answer, Answering
 from cylconn_ros.ros.diagnostics import Links, Monitor
+from cylconn_ros.ros.diagnostics_writer import Part
 from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.names import said
 from cylconn_ros.ros.recording import Recorder, now
@@ -157,12 +156,11 @@ class Served:
                 self.topics.publish(answer)
                 self.record(answer)
 
-    def report(self, stamp: Time, recorder: Recorder | None) -> DiagnosticArray:
+    def report(self, recorder: Recorder | None) -> list[Part]:
         """What diagnostics say of it, and of the recording where they are to."""
-        self.topics.look_for_types()
         with self._lock:  # what happens meanwhile belongs into the next report
             health = None if self.answering is None else self.answering.health.taken()
-        return self._monitor.report(stamp, self.answering, recorder, self.links, health)
+        return self._monitor.report(self.answering, recorder, self.links, health)
 
     # --- lifecycle and parameters ----------------------------------------------------------------
 

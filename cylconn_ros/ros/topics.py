@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rclpy.duration import Duration
@@ -44,7 +44,6 @@ class Topics:
         self._marker_publisher: Any = None
         self._markers: Markers | None = None
         self._drawn = 0.0
-        self._turn = 0
 
     def open_outputs(self, scene: Scene) -> None:
         """Advertise; messages go out only while the node is active."""
@@ -183,17 +182,17 @@ class Topics:
     def _lost(self, count: int) -> None:
         self._links.lost += count
 
-    def look_for_types(self) -> None:
-        """Ask the graph who publishes other messages on an input; one input a call, in turns."""
-        if not self._subscriptions:
-            return
-        self._turn = (self._turn + 1) % len(self._subscriptions)
-        topic, kind, _ = self._names[list(self._subscriptions)[self._turn]]
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        others = {info.topic_type for info in publishers} - {kind}
-        self._links.other_types.pop(topic, None)
-        if others:
-            self._links.other_types[topic] = f"{', '.join(sorted(others))}, not {kind}"
+    def look_for_types(self, graph: Mapping[str, Sequence[str]]) -> None:
+        """See who publishes other messages on an input; ``graph``: types of topics, by name."""
+        self._links.other_types.clear()
+        for name in self._subscriptions:
+            topic, kind, _ = self._names[name]
+            if set(graph.get(topic, ())) <= {kind}:
+                continue
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            others = {info.topic_type for info in publishers} - {kind}
+            if others:
+                self._links.other_types[topic] = f"{', '.join(sorted(others))}, not {kind}"
 
 
 def _kinds(answering: Answering) -> dict[str, str]:
