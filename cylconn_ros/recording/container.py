@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -122,21 +122,21 @@ class Container:
         start, end = int(times.min()), int(times.max())
         name = _SHORT.pack(len(self._compression)) + self._compression.encode()
         rest = _CHUNK.size - 9 + len(name) + 8 + len(stored)
-        head = b"".join((
+        parts: list[Buffer] = [
             _CHUNK.pack(Opcode.CHUNK, rest, start, end, len(records), checksum),
             name,
             _LONG.pack(len(stored)),
-        ))  # fmt: skip
-        parts: list[Buffer] = [head, stored]
-        length = len(head) + len(stored)
-        places, counts = bytearray(), []
+            stored,
+        ]
+        length = 9 + rest
         at = self.size + length
-        for channel, entries in _entries(index):
+        places, counts = bytearray(), []
+        for channel, count, entries in _entries(index):
             places += _PLACE.pack(channel, at)
-            parts.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)))
-            parts.append(entries)
+            parts += (_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)),
+                      entries)  # fmt: skip
             at += _INDEX.size + len(entries)
-            counts.append((channel, len(entries) // _ENTRY))
+            counts.append((channel, count))
         rest = _CHUNK_INDEX.size - 9 + len(places) + 8 + len(name) + 16
         found = b"".join((
             _CHUNK_INDEX.pack(
@@ -211,33 +211,30 @@ class Container:
             schema_count=len(self._schemas),
         )
 
-    def _write(self, parts: list[Buffer]) -> None:
+    def _write(self, parts: Sequence[Buffer]) -> None:
         """Append all parts, or leave the file as it was and raise."""
-        left = [memoryview(part) for part in parts]
+        data = b"".join(parts)  # one piece: the system takes many more slowly
+        left = memoryview(data)
         try:
             while left:
-                written = os.writev(self._file, left[:512])
-                while left and written >= len(left[0]):
-                    written -= len(left.pop(0))
-                if written:
-                    left[0] = left[0][written:]
+                left = left[os.write(self._file, left) :]
         except OSError:
             os.ftruncate(self._file, self.size)
             os.lseek(self._file, self.size, os.SEEK_SET)
             raise
-        self.size += sum(map(len, parts))
+        self.size += len(data)
 
 
-def _entries(index: NDArray[np.int64]) -> Iterator[tuple[int, memoryview]]:
-    """Each channel and the entries of its index, in the order of its messages."""
+def _entries(index: NDArray[np.int64]) -> Iterator[tuple[int, int, memoryview]]:
+    """Each channel, how many messages it has, and their entries in the order they came."""
     channels = index[:, 0]
-    order = np.argsort(channels, kind="stable")
-    entries = index[order, 1:].astype("<i8").reshape(-1).view(np.uint8).data
-    ends = _ENTRY * np.cumsum(np.bincount(channels))
+    ordered = index.take(channels.argsort(kind="stable"), axis=0)
+    entries = memoryview(ordered[:, 1:].astype("<i8", copy=False).tobytes())
     begin = 0
-    for channel, end in enumerate(ends.tolist()):
-        if end > begin:
-            yield channel, entries[begin:end]
+    for channel, count in enumerate(np.bincount(channels).tolist()):
+        if count:
+            end = begin + _ENTRY * count
+            yield channel, count, entries[begin:end]
             begin = end
 
 

@@ -115,4 +115,4 @@ class Tray:
 
     def clear(self) -> None:
         """Forget what it holds."""
-        self.arrays.state[:] = 0
+        self._state[USED] = self._state[COUNT] = 0

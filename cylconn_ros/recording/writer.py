@@ -24,7 +24,7 @@ from .tray import ACCEPTED, CHANNEL, REFUSED, Tray
 
 METADATA_RECORD = "cylconn_ros"  # MCAP metadata record holding parameters, version, method
 
-INTERVAL = 0.08
+INTERVAL = 0.09
 """Seconds between chunks."""
 
 _CHUNK = 1 << 20  # bytes of a tray; when they are used up, a chunk does not wait for its time
@@ -126,8 +126,9 @@ class RunWriter:
         self._waiting = 0  # bytes of the trays that are full, or on their way to the disk
         self._refusing = False  # failed or closed
         self.lock = threading.Lock()
-        self._taken = threading.Condition(self.lock)  # a tray has been emptied, or none will be
-        self._wake = threading.Event()  # the thread shall not wait for the end of its interval
+        self._emptied = threading.Condition(self.lock)  # a tray is, or none will be any more
+        self._bell = threading.Lock()  # released: the thread shall not wait for its time
+        self._bell.acquire()
         self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
         self._thread.start()
 
@@ -204,7 +205,7 @@ class RunWriter:
         if self._tray.has_room(messages, size):
             return self._tray
         while not self._refusing:
-            self._wake.set()
+            self._ring()
             if self._waiting < _BACKLOG:
                 self._set_aside()
                 self._tray = self._empty_one(messages, size)
@@ -214,7 +215,7 @@ class RunWriter:
                     f"{self._path}: the disk is too slow: {_BACKLOG >> 20} MiB wait for it"
                 )
                 return self._none
-            self._taken.wait()
+            self._emptied.wait()
         self.refusal = self.failure or f"{self.directory}: recording is closed"
         return self._none
 
@@ -245,13 +246,17 @@ class RunWriter:
     def _work(self) -> None:
         """Put chunks on disk until the recording is closed or fails."""
         while not self._refusing:
-            self._wake.wait(INTERVAL)
-            self._wake.clear()
+            self._bell.acquire(timeout=INTERVAL)
+            with self.lock:
+                if len(self._tray):
+                    self._set_aside()
+                    self._tray = self._empty_one()
             self._flush()
 
     def _flush(self) -> None:
-        """Put on disk what there is."""
-        while (tray := self._next()) is not None:
+        """Put on disk what has been set aside."""
+        while self._full:
+            tray = self._full.popleft()
             try:
                 self._file.add_chunk(*tray.held())
             except Exception as error:  # whatever the disk or the library says, others go on
@@ -260,15 +265,12 @@ class RunWriter:
                 self._waiting -= tray.size
                 tray.clear()
                 self._keep(tray)
-                self._taken.notify_all()
+                self._emptied.notify_all()
 
-    def _next(self) -> Tray | None:
-        """Take away the tray to be written next."""
-        with self.lock:
-            if not self._full and len(self._tray):
-                self._set_aside()
-                self._tray = self._empty_one()
-            return self._full.popleft() if self._full else None
+    def _ring(self) -> None:
+        """Have what is set aside written now."""
+        if self._bell.locked():
+            self._bell.release()
 
     def _fail(self, error: Exception, tray: Tray | None = None) -> RecordingError:
         """Refuse everything from now on; what has not reached the disk is lost."""
@@ -281,7 +283,7 @@ class RunWriter:
                 channels = lost.held()[1][:, CHANNEL]
                 self._lost += np.bincount(channels, minlength=len(self._lost))
             self._full.clear()
-            self._taken.notify_all()
+            self._emptied.notify_all()
         return RecordingError(self.failure)
 
     def close(self) -> None:
@@ -297,8 +299,8 @@ class RunWriter:
                 return
             self._open, self._refusing = False, True
             self._set_aside()
-            self._taken.notify_all()
-        self._wake.set()
+            self._emptied.notify_all()
+            self._ring()
         self._thread.join()
         self._flush()
         failure = RecordingError(self.failure) if self.failure is not None else None
