@@ -17,6 +17,7 @@ from scenes import bundled
 from cylconn_ros.cli import main as cylconn
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
+from cylconn_ros.recording import writer as writer_module
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
@@ -266,8 +267,13 @@ def long_bag(path: Path, count: int) -> Path:
 
 
 @pytest.mark.parametrize("way", ["messages", "parts"])
-def test_memory_does_not_grow_with_the_bag(way: str, tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_bag(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A bag passes through: four times as long, it takes as much."""
+    monkeypatch.setattr(
+        writer_module, "INTERVAL", 60.0
+    )  # chunks of one size, however busy the machine
     peaks = []
     for count in (20_000, 80_000):
         replay = Replay(Bag(long_bag(tmp_path / str(count), count)), bundled("demo"))

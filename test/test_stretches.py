@@ -29,7 +29,7 @@ from cylconn_ros.recording.bag import Bag, Message
 from cylconn_ros.recording.blocks import Block, Found
 from cylconn_ros.recording.database import Topics
 from cylconn_ros.ros import alike, stretches
-from cylconn_ros.ros.answering import ODOMETRY, POSE, TWIST, WRENCH
+from cylconn_ros.ros.answering import ODOMETRY, OUTPUTS, POSE, TWIST, WRENCH
 from cylconn_ros.ros.cdr_writers import JointStateWriter, OdometryWriter, StampedWriter
 from cylconn_ros.ros.replaying import Item, Replay
 from cylconn_ros.ros.stretches import Stretch
@@ -93,6 +93,31 @@ def told(replay: Replay, items: Iterator[Item]) -> tuple[list[Item], dict[str, A
     return found, kept
 
 
+def unfolded(replay: Replay, stretch: Stretch) -> list[Item]:
+    """The messages of a stretch, one by one; and those that it has recorded are the same."""
+    items, topics = [], stretch.topics
+    rows = [(replay.names[name], stretch.rows(name)) for name, _ in OUTPUTS]
+    closing = stretch.closing.tolist()
+    published = replay.names.values()
+    for k, found in enumerate(stretch.block.messages(stretch.begin, stretch.end), stretch.begin):
+        topic = topics[found.channel]
+        if topic in replay.taken or topic in published:
+            items.append(Item(topic, found.log_time, found.data, False))
+        if k in closing:
+            for name, data in rows:
+                answer = data[closing.index(k)].tobytes()
+                items.append(Item(name, found.log_time, answer, True))
+    names = [*replay.taken, *published]
+    recorded = stretch.to_record(
+        {topic: k for k, topic in enumerate(names, 1)}, replay.taken, replay.names
+    )
+    assert [
+        (names[channel - 1], log_time, recorded.data[start : start + size].tobytes())
+        for channel, log_time, _, start, size in zip(*recorded[1:], strict=True)
+    ] == [item[:3] for item in items if item.replayed or item.topic in replay.taken]
+    return items
+
+
 def by_message(bag: Any, scene: Scene) -> tuple[list[Item], dict[str, Any]]:
     replay = Replay(bag, scene)
     return told(replay, replay.messages())
@@ -107,7 +132,7 @@ def by_stretch(bag: Any, scene: Scene) -> tuple[list[Item], dict[str, Any], int]
         for part in replay.parts():
             if isinstance(part, Stretch):
                 together += len(part)
-                yield from replay.unfold(part)
+                yield from unfolded(replay, part)
             else:
                 yield part
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core.compiled import entry
 from cylconn_ros.recording import writer as writer_module
+from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.put import put
 from cylconn_ros.recording.reader import read_run
-from cylconn_ros.recording.tray import ACCEPTED, REFUSED, Tray
+from cylconn_ros.recording.tray import ACCEPTED, REFUSED, Messages, Tray
 from cylconn_ros.recording.writer import RunWriter
 
 TOPICS = [TopicInfo(f"/t{k}", "std_msgs/msg/String") for k in range(3)]
@@ -162,6 +163,38 @@ def test_records_are_numbered_and_indexed_by_channel(
     with path.open("rb") as stream:  # by the index, in the order of time
         read = [m.log_time for _, _, m in make_reader(stream).iter_messages(topics=["/t1"])]
     assert read == sorted(times[1::2])
+
+
+def test_many_at_once_are_what_they_are_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer_module, "_CHUNK", 1000)
+    rng = np.random.default_rng(3)
+    size = rng.integers(0, 300, 200)
+    size[50] = 5000
+    messages = Messages(
+        data=rng.integers(0, 256, 6000).astype(np.uint8),
+        channel=rng.integers(1, 4, 200),
+        log_time=FIRST + np.arange(200),
+        publish_time=np.arange(200) ** 2,
+        start=rng.integers(0, 1000, 200),
+        size=size,
+    )
+    with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
+        writer.write("/t1", b"before", 1, 2)
+        writer.write_each(messages)
+    with pytest.raises(RecordingError, match="closed"):
+        writer.write_each(messages)
+    assert sum(writer.lost.values()) == 200
+    run = read_run(tmp_path / "run")
+    found = {topic.name: list(run.raw(topic.name)) for topic in TOPICS}
+    assert found.pop("/t1")[0] == (1, 2, b"before")
+    for topic, read in found.items():
+        assert read == [
+            (log, publish, messages.data[start : start + length].tobytes())
+            for channel, log, publish, start, length in zip(*messages[1:], strict=True)
+            if TOPICS[channel - 1].name == topic
+        ]
 
 
 def test_a_message_larger_than_a_tray_has_one_of_its_own(

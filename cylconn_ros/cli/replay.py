@@ -114,18 +114,16 @@ def _go(
         for part in replay.parts():
             progress(replay.bag.done, replay.bag.size)
             if isinstance(part, Stretch):
-                if writer is None:
-                    if comparison is not None:
-                        _compare(replay, part, comparison)
-                    continue
-                items = replay.unfold(part)
-            else:
-                items = iter((part,))
-            for topic, log_time, data, replayed in items:
-                if writer is not None and (replayed or topic in replay.taken):
-                    writer.write(topic, data, log_time, log_time)
-                if comparison is not None and topic in comparison.topics:
-                    (comparison.replayed if replayed else comparison.recorded)(topic, data)
+                if writer is not None:
+                    writer.write_each(part.to_record(writer.channels, replay.taken, replay.names))
+                if comparison is not None:
+                    _compare(replay, part, comparison)
+                continue
+            topic, log_time, data, replayed = part
+            if writer is not None and (replayed or topic in replay.taken):
+                writer.write(topic, data, log_time, log_time)
+            if comparison is not None and topic in comparison.topics:
+                (comparison.replayed if replayed else comparison.recorded)(topic, data)
         progress(1, 1)
     finally:
         if writer is not None:

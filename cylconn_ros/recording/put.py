@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.compiled import COMPILED, inline, jit
+from cylconn_ros.core.compiled import COMPILED, entry, inline, jit
 from cylconn_ros.recording.tray import (
     ACCEPTED,
     CHANNEL,
@@ -86,3 +86,33 @@ def put(
     state[USED] = end
     state[COUNT] = count + 1
     return True
+
+
+@entry
+def put_each(
+    records: Bytes,
+    entries: Integers,
+    state: Integers,
+    counts: Integers,
+    data: Bytes,
+    channel: Integers,
+    log_time: Integers,
+    publish_time: Integers,
+    start: Integers,
+    size: Integers,
+    begin: int,
+) -> int:
+    """Append messages from number ``begin`` on while there is room; the number of the next.
+
+    Between ``counts`` and ``begin`` are :class:`~cylconn_ros.recording.tray.Messages`.
+    """
+    for k in range(begin, len(channel)):
+        length = size[k]
+        if state[USED] + HEAD + length > len(records) or state[COUNT] >= len(entries):
+            return k
+        message = data[start[k] : start[k] + length]
+        put(
+            records, entries, state, counts, channel[k], log_time[k], publish_time[k], message,
+            length,
+        )  # fmt: skip
+    return len(channel)

@@ -47,6 +47,25 @@ class Arrays(NamedTuple):
     counts: NDArray[np.int64]
 
 
+class Messages(NamedTuple):
+    """Messages in the order in which they are to be recorded, as arrays.
+
+    Attributes
+    ----------
+        data: (bytes,) uint8, where they all stand.
+        channel: (n,) the numbers of their topics in the file.
+        log_time, publish_time: (n,) ns since the epoch.
+        start, size: (n,) where each begins in ``data``, and how many bytes it has.
+    """
+
+    data: NDArray[np.uint8]
+    channel: NDArray[np.int64]
+    log_time: NDArray[np.int64]
+    publish_time: NDArray[np.int64]
+    start: NDArray[np.int64]
+    size: NDArray[np.int64]
+
+
 class Tray:
     """Room for the messages of a chunk.
 

@@ -20,7 +20,7 @@ from .container import COMPRESSIONS, Container
 from .errors import RecordingError
 from .interfaces import Interface, interface
 from .metadata import TopicInfo, bag_information, to_yaml
-from .tray import ACCEPTED, CHANNEL, REFUSED, Tray
+from .tray import ACCEPTED, CHANNEL, REFUSED, Messages, Tray
 
 METADATA_RECORD = "cylconn_ros"  # MCAP metadata record holding parameters, version, method
 
@@ -195,6 +195,21 @@ class RunWriter:
                 return True
             self._counts[REFUSED, channel] += 1
             return False
+
+    def write_each(self, messages: Messages) -> None:
+        """Append many messages, sooner than one by one; raises as :meth:`write` does."""
+        from .put import put_each  # brings the compiler
+
+        done, total = 0, len(messages.channel)
+        while done < total:
+            with self.lock:
+                tray = self.tray(1, int(messages.size[done]))
+                arrays = *tray.arrays, *messages
+                behind = put_each(*arrays, done)
+                if behind == done:
+                    np.add.at(self._counts[REFUSED], messages.channel[done:], 1)
+                    raise RecordingError(self.refusal)
+                done = behind
 
     def tray(self, messages: int, size: int) -> Tray:
         """The tray for so many messages of ``size`` bytes together, for who holds the lock.

@@ -158,21 +158,6 @@ class Replay:
                 counts.foreign += number
         counts.answers += len(stretch)
 
-    def unfold(self, stretch: Stretch) -> Iterator[Item]:
-        """The messages of a stretch, one by one."""
-        topics, begin = stretch.topics, stretch.begin
-        rows = [(self.names[name], stretch.rows(name)) for name, _ in OUTPUTS]
-        closing = iter([*enumerate(stretch.closing.tolist()), (0, -1)])
-        sample, last = next(closing)
-        for k, found in enumerate(stretch.block.messages(begin, stretch.end), begin):
-            topic = topics[found.channel]
-            if topic in self.taken or topic in self._published:
-                yield Item(topic, found.log_time, found.data, False)
-            if k == last:
-                for name, data in rows:
-                    yield Item(name, found.log_time, data[sample].tobytes(), True)
-                sample, last = next(closing)
-
     def _settle(self) -> None:
         """Count what is held for samples that are not complete."""
         self.answering.settle()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.matching import PLACES, STREAMS, into_world_all
 from cylconn_ros.core import layout
 from cylconn_ros.recording.blocks import Block
+from cylconn_ros.recording.tray import Messages
 from cylconn_ros.ros import alike
 from cylconn_ros.ros.answering import BODIES, Answering
 
@@ -61,6 +62,46 @@ class Stretch:
     def rows(self, name: str) -> NDArray[np.uint8]:
         """(n, bytes) the messages of an output, by its relative name."""
         return self._answering.rows(name, self.stamps, self.outs)
+
+    def to_record(
+        self, channels: Mapping[str, int], inputs: Collection[str], outputs: Mapping[str, str]
+    ) -> Messages:
+        """Its messages of ``inputs`` and the answers, in the order of a recording.
+
+        ``channels``: the numbers of topics there; ``outputs``: topics by relative name.
+        """
+        block, (begin, end) = self.block, (self.begin, self.end)
+        numbers = np.zeros(1 + int(block.channel[begin:end].max()), np.int64)
+        for number in range(len(numbers)):
+            topic = self.topics[number]
+            numbers[number] = channels[topic] if topic in inputs else 0
+        of_all = numbers[block.channel[begin:end]]
+        which = np.flatnonzero(of_all)
+        start, size = block.start[begin:end][which], block.size[begin:end][which]
+        first, last = int(start[0]), int(start[-1] + size[-1])
+        data = [np.frombuffer(block.raw, np.uint8)[first:last]]
+        channel, starts, sizes = [of_all[which]], [start - first], [size]
+        places = [which * (1 + len(outputs))]  # in the order of all; answers follow what closed
+        at = last - first
+        for k, (name, topic) in enumerate(outputs.items(), 1):
+            rows = self.rows(name)
+            data.append(rows.ravel())
+            channel.append(np.full(len(rows), channels[topic]))
+            starts.append(at + rows.shape[1] * np.arange(len(rows)))
+            sizes.append(np.full(len(rows), rows.shape[1]))
+            places.append((self.closing - begin) * (1 + len(outputs)) + k)
+            at += rows.size
+        place = np.concatenate(places)
+        order = np.argsort(place)
+        log_time = block.log_time[begin:end].astype(np.int64)[place[order] // (1 + len(outputs))]
+        return Messages(
+            np.concatenate(data),
+            np.concatenate(channel)[order],
+            log_time,
+            log_time,
+            np.concatenate(starts)[order],
+            np.concatenate(sizes)[order],
+        )
 
 
 class Stretches:
