@@ -38,7 +38,7 @@ def broken(scene: Scene, states: Array, outs: Array) -> str:
     samples = np.zeros((n, layout.NSAMPLE))
     samples[:, layout.MOTION] = states
     begins, periods = np.arange(n) == 0, np.full(n, scene.period)
-    run = Recorded(method, scene, samples, outs, periods, begins, 0, "")
+    run = Recorded(method, scene, samples, outs, periods, periods, begins, 0, "")
     block, _ = next(run.blocks())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a run that is lost goes through here too

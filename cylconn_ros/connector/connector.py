@@ -15,6 +15,8 @@ from cylconn_ros.methods import step as methods
 
 Array = NDArray[np.float64]
 
+_ON_THE_WAY = (slice(model.SENT, model.AHEAD), slice(model.MISFIT, model.SEEN))  # and how late
+
 
 class Connector:
     """A cylindrical connector between two bodies, answering one sample after the other.
@@ -41,6 +43,13 @@ class Connector:
     def reset(self) -> None:
         """Forget the reference configuration and all history: the next sample is the first."""
         self._mem[:] = 0.0
+
+    def begin_anew(self) -> None:
+        """As :meth:`reset`, where wrenches act late: those on their way, and how late, are kept."""
+        kept = [(at, self._mem[at].copy()) for at in _ON_THE_WAY]
+        self.reset()
+        for at, numbers in kept:
+            self._mem[at] = numbers
 
     def impose(
         self,

@@ -8,20 +8,25 @@ the bodies move under wrenches that are known, having been sent:
 
 Loads are held. A body of unknown inertia, and one that moves on its own, goes on as it does.
 
-Where d is not given it is measured: of all d, the one with which m dv/h = F(d) + m g + load fits
-the mass centres' velocities best over the last samples.
+Where d is not given it is measured: of all d, the one with which m dv/dt = F(d) + m g + load fits
+the mass centres' velocities best over the last samples; F is the mean of what was held since the
+last sample, where some between were lost. A place that stick holds is where it was foreseen: with
+another d it is another one.
+
+Work is counted on the motion that was, of the wrenches that acted on it (core/account.py).
 """
 
 import math
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.account import count, jumped, release
 from cylconn_ros.core.bodies import Body
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.layout import MOST_LATE
 from cylconn_ros.core.observe import observe
 from cylconn_ros.core.plant import advanced, motion_of
-from cylconn_ros.core.vectors import Vector, add_scaled, dot, normalised, scale, sub
+from cylconn_ros.core.vectors import add, add_scaled, dot, normalised, scale, sub
 
 KEPT = 0.9  # of the misfit of earlier samples: some ten count
 BETTER = 0.25  # misfit, over that of the latency in use, which makes another one take over
@@ -61,8 +66,8 @@ def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     gone = 1
     if mem[model.STARTED] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
-        gone = max(int(mem[model.LAST_PERIOD] / h + 0.5), 1)
-    for _ in range(min(gone - 1, MOST_LATE)):  # samples were lost: the last wrench was held
+        gone = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MOST_LATE + 1)
+    for _ in range(gone - 1):  # samples were lost: the last wrench was held
         for k in range(12 * MOST_LATE - 1, -1, -1):
             mem[model.SENT + 12 + k] = mem[model.SENT + k]
     for k in range(layout.NSAMPLE):
@@ -71,8 +76,18 @@ def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None
         q = normalised(model.quaternion(here, at + 3))
         for k in range(4):
             here[at + 3 + k] = q[k]
-    if par[model.LATENCY] < 0.0:
-        _measure(par, mem, here, body_a, body_b, h, gone == 1)
+    mem[model.JUMPED] = 0.0
+    if mem[model.STARTED] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
+        dt = mem[model.LAST_PERIOD] / gone
+        if par[model.LATENCY] < 0.0:
+            _measure(par, mem, here, body_a, body_b, gone, dt)
+        work_a, jump_a = _work(par, mem, here, body_a, 0, gone, dt)
+        work_b, jump_b = _work(par, mem, here, body_b, 1, gone, dt)
+        count(mem, work_a)
+        count(mem, work_b)
+        mem[model.JUMPED] = 1.0 if jump_a or jump_b else 0.0
+    for k in range(layout.A_LOAD):
+        mem[model.SEEN + k] = here[k]
     late = periods_late(par, mem)
     if mem[model.STARTED] == 0.0:
         observe(par, mem, here, out)
@@ -87,43 +102,81 @@ def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None
 
 
 @inline
-def _fits(par: Array, mem: Array, at: int, body: Body, load: Vector, v: Vector, h: float) -> None:
-    """Add to every latency's misfit how badly it explains a body's change of velocity.
+def _acted(mem: Array, late: int, j: int) -> int:
+    """Where in ``mem`` the wrenches stand that acted ``j`` periods before the last one."""
+    return model.SENT + 12 * min(late + j, MOST_LATE)
 
-    The misfit is a force squared; ``at`` is the body's share of the wrenches.
+
+@inline
+def _fits(par: Array, mem: Array, here: Array, k: int, body: Body, gone: int, dt: float) -> None:
+    """Add to every latency's misfit how badly it explains the change of velocity of body k.
+
+    The misfit is a force squared; over ``gone`` periods, their mean.
     """
-    before = model.vector(mem, model.SEEN + at // 2)
+    at = layout.A_POSE if k == 0 else layout.B_POSE
+    load = model.vector(here, layout.A_LOAD + 6 * k)
+    before = motion_of(body, mem[model.SEEN : model.AFTER_SEEN], at).velocity
+    v = motion_of(body, here, at).velocity
     weight = scale(body.mass, model.vector(par, model.GRAVITY))
-    needed = sub(scale(body.mass / h, sub(v, before)), add_scaled(load, 1.0, weight))
+    needed = sub(scale(body.mass / (gone * dt), sub(v, before)), add_scaled(load, 1.0, weight))
     for d in range(MOST_LATE + 1):
-        apart = sub(needed, model.vector(mem, model.SENT + 12 * d + at))
+        apart = needed
+        for j in range(gone):
+            apart = add_scaled(apart, -1.0 / gone, model.vector(mem, _acted(mem, d, j) + 6 * k))
         mem[model.MISFIT + d] += dot(apart, apart)
 
 
 @inline
 def _measure(
-    par: Array, mem: Array, here: Array, body_a: Body, body_b: Body, h: float, whole: bool
+    par: Array, mem: Array, here: Array, body_a: Body, body_b: Body, gone: int, dt: float
 ) -> None:
     """Keep the latency with which the wrenches sent explain the velocities seen."""
-    va = motion_of(body_a, here, layout.A_POSE).velocity
-    vb = motion_of(body_b, here, layout.B_POSE).velocity
-    if whole and mem[model.STARTED] != 0.0:
-        for d in range(MOST_LATE + 1):
-            mem[model.MISFIT + d] *= KEPT
-        if body_a.free:
-            load = model.vector(here, layout.A_LOAD)
-            _fits(par, mem, 0, body_a, load, va, h)
-        if body_b.free:
-            load = model.vector(here, layout.B_LOAD)
-            _fits(par, mem, 6, body_b, load, vb, h)
-        greatest, best, least = 0.0, 0, math.inf
-        for d in range(MOST_LATE + 1):
-            misfit = mem[model.MISFIT + d]
-            greatest = max(greatest, misfit)
-            if misfit < least:
-                best, least = d, misfit
-        now = mem[model.MISFIT + int(mem[model.LATE])]
-        if least < BETTER * now and now > LEAST_MISFIT * greatest:
-            mem[model.LATE] = best
-    model.put(mem, model.SEEN, va)
-    model.put(mem, model.SEEN + 3, vb)
+    if gone > MOST_LATE:
+        return
+    for d in range(MOST_LATE + 1):
+        mem[model.MISFIT + d] *= KEPT
+    for k in range(2):
+        body = body_a if k == 0 else body_b
+        if body.free:
+            _fits(par, mem, here, k, body, gone, dt)
+    greatest, best, least = 0.0, 0, math.inf
+    for d in range(MOST_LATE + 1):
+        misfit = mem[model.MISFIT + d]
+        greatest = max(greatest, misfit)
+        if misfit < least:
+            best, least = d, misfit
+    now = mem[model.MISFIT + int(mem[model.LATE])]
+    if least < BETTER * now and now > LEAST_MISFIT * greatest:
+        mem[model.LATE] = best
+        release(mem)
+
+
+@jit
+def _work(
+    par: Array, mem: Array, here: Array, body: Body, k: int, gone: int, dt: float
+) -> tuple[float, bool]:
+    """The work on body k since the last sample, and whether it has jumped.
+
+    The motion is gone through again from the last sample, wrench by wrench; what it then differs by
+    from the motion seen is spread over the periods, unless it is a jump.
+    """
+    at, late = layout.A_POSE if k == 0 else layout.B_POSE, periods_late(par, mem)
+    state, h = mem[model.SEEN : model.AFTER_SEEN], gone * dt
+    first, seen = motion_of(body, state, at), motion_of(body, here, at)
+    work, mean, turn = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    m = first
+    for i in range(gone):
+        acted = _acted(mem, late, gone - 1 - i) + 6 * k
+        force, torque = model.vector(mem, acted), model.vector(mem, acted + 3)
+        advanced(par, body, state, at, force, torque, here, layout.A_LOAD + 6 * k, dt)
+        last, m = m, motion_of(body, state, at)
+        work += dot(force, sub(m.com, last.com)) + 0.5 * dt * dot(torque, add(m.spin, last.spin))
+        mean = add_scaled(mean, 1.0 / gone, force)
+        turn = add_scaled(turn, dt * (i + 0.5) / gone, torque)
+    moved, told = sub(seen.com, first.com), scale(h, seen.velocity)
+    apart, late_by = sub(seen.com, m.com), sub(moved, told)
+    halfway = add_scaled(late_by, 0.5 * h, sub(seen.velocity, first.velocity))
+    least = min(dot(apart, apart), dot(late_by, late_by), dot(halfway, halfway))
+    if jumped(par, moved, told, least, h):
+        return work, True
+    return work + dot(mean, apart) + dot(turn, sub(seen.spin, m.spin)), False

@@ -80,11 +80,14 @@ SENT: Final = 117  # the wrenches of the last MOST_LATE + 1 periods, newest firs
 AHEAD: Final = 225  # the sample when its wrench acts (core/ahead.py)
 MISFIT: Final = 263  # of every latency, N^2
 LATE: Final = 272  # the latency measured, periods
-SEEN: Final = 273  # 2 x 3, velocities of the mass centres in the last sample
-MOMENTUM: Final = 279  # 2 x 3, angular momenta about the mass centres at the last sample
-HELD_LOADS: Final = 285  # 2 x 6, the last sample's loads about the mass centres, world axes
-SWING: Final = 297  # the held swing S as a quaternion, 4
-NMEM: Final = 301
+SEEN: Final = 273  # 26, poses and twists of the last sample
+AFTER_SEEN: Final = 299
+MOMENTUM: Final = 299  # 2 x 3, angular momenta about the mass centres at the last sample
+HELD_LOADS: Final = 305  # 2 x 6, the last sample's loads about the mass centres, world axes
+SWING: Final = 317  # the held swing S as a quaternion, 4
+JUMPED: Final = 321  # whether a body is where its last motion does not lead
+SHIFT: Final = 322  # 2: length and angle by which, in the sample where it is
+NMEM: Final = 324
 
 
 class Output(NamedTuple):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
+from cylconn_ros.core.account import count, jumped, release
 from cylconn_ros.core.bodies import Body, Motion, at_com
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
@@ -143,13 +144,18 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
         told = scale(0.5 * h, _sum(model.vector(mem, model.LAST_VELOCITY), rates.v))
         if norm(sub(moved, told)) > CONTRADICTION * (norm(moved) + norm(told)) + 1e-6:
             flags |= out_at.TWIST_CONTRADICTS
-        if _integrates_otherwise(par, mem, a, b, h):
+        if _follow(par, mem, a, b, h):
             flags |= out_at.INTEGRATION
-        slid, spun = position[0] - mem[model.LAST_POSITION], angle - mem[model.LAST_ANGLE]
+        slid, spun = moved[0], angle - mem[model.LAST_ANGLE]
+        if mem[model.JUMPED] != 0.0:
+            release(mem)
+            by_twist = 0.5 * h * (mem[model.LAST_SPIN] + rates.w[0])
+            mem[model.SHIFT], mem[model.SHIFT + 1] = slid - told[0], spun - by_twist
+            slid, spun = told[0], by_twist
         mem[model.ACTUATED] += mem[model.LAST_ACTUATION] * slid
         mem[model.ACTUATED] += mem[model.LAST_ACTUATION + 1] * spun
-    _account(mem, a, model.LAST_A, h)
-    _account(mem, b, model.LAST_B, h)
+    _keep_place(mem, a, model.LAST_A)
+    _keep_place(mem, b, model.LAST_B)
     model.put(mem, model.LAST_VELOCITIES, a.velocity)
     model.put(mem, model.LAST_VELOCITIES + 3, b.velocity)
 
@@ -157,26 +163,39 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     model.put(mem, model.LAST_POSITION, position)
     model.put(mem, model.LAST_VELOCITY, rates.v)
     error = _error(mem, position, swing)
+    if par[model.LATENCY] == 0.0:
+        _rebase(par, mem, position[0], angle)
     _write(par, mem, out, position, angle, misalignment, rates, error)
     return Observed(body_a, body_b, nodes, a, b, f, rates, position[0], angle, error, flags)
 
 
 @inline
-def _integrates_otherwise(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> bool:
-    """Whether mass centres follow velocities in the other way than ``plant_integration`` says.
+def _follow(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> bool:
+    """Look how mass centres follow velocities, and count the last wrench's work on their motion.
 
-    By h (v + v+)/2, or by h v+. A target for the wrong one leaves disturbances undamped.
-    To be called before `_account`, which moves on to this sample's mass centres.
+    By h (v + v+)/2, or by h v+: whether it is otherwise than ``plant_integration`` says, as a
+    target for the wrong one leaves disturbances undamped. By neither: a body has jumped. Where
+    wrenches act late, core/ahead.py has looked for jumps and counted.
     """
-    at = model.INTEGRATED
-    exact, other = 0.9 * mem[at], 0.9 * mem[at + 1]
+    at, prompt = model.INTEGRATED, par[model.LATENCY] == 0.0
+    exact, other, jump = 0.9 * mem[at], 0.9 * mem[at + 1], False
     for k in range(2):
         m = a if k == 0 else b
         last = model.LAST_A if k == 0 else model.LAST_B
         before = model.vector(mem, model.LAST_VELOCITIES + 3 * k)
-        late = sub(sub(m.com, model.vector(mem, last + 6)), scale(h, m.velocity))
+        moved, told = sub(m.com, model.vector(mem, last + 6)), scale(h, m.velocity)
+        late = sub(moved, told)
         mean = add_scaled(late, 0.5 * h, sub(m.velocity, before))
-        exact, other = exact + dot(mean, mean), other + dot(late, late)
+        apart, apart_late = dot(mean, mean), dot(late, late)
+        exact, other = exact + apart, other + apart_late
+        if prompt:
+            if jumped(par, moved, told, min(apart, apart_late), h):
+                jump, moved = True, sub(moved, mean)
+            turning = scale(0.5 * h, _sum(m.spin, model.vector(mem, last + 9)))
+            by_force = dot(model.vector(mem, last), moved)
+            count(mem, by_force + dot(model.vector(mem, last + 3), turning))
+    if prompt:
+        mem[model.JUMPED] = 1.0 if jump else 0.0
     mem[at], mem[at + 1] = exact, other
     if model.output(par).semi_implicit:
         exact, other = other, exact
@@ -247,14 +266,17 @@ def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float
 
 
 @inline
-def _account(mem: Array, m: Motion, at: int, h: float) -> None:
-    """Work of the last wrench on a body: f.dx + h tau.(w + w+)/2, at the mass centre."""
-    if h > 0.0:
-        moved = sub(m.com, model.vector(mem, at + 6))
-        turning = scale(0.5 * h, _sum(m.spin, model.vector(mem, at + 9)))
-        work = dot(model.vector(mem, at), moved) + dot(model.vector(mem, at + 3), turning)
-        mem[model.WORK] += work
-        mem[model.EXCHANGED] += abs(work)
+def _rebase(par: Array, mem: Array, length: float, angle: float) -> None:
+    """Leave out of the account by what a jump has changed the springs' energy."""
+    if mem[model.JUMPED] != 0.0:
+        without = (length - mem[model.SHIFT], angle - mem[model.SHIFT + 1])
+        mem[model.SPRING0] += _spring_energy(par, mem, length, angle)
+        mem[model.SPRING0] -= _spring_energy(par, mem, without[0], without[1])
+
+
+@inline
+def _keep_place(mem: Array, m: Motion, at: int) -> None:
+    """Keep mass centre and spin for the coming interval."""
     model.put(mem, at + 6, m.com)
     model.put(mem, at + 9, m.spin)
 
@@ -271,6 +293,7 @@ def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Arr
     angle, swing, misalignment, _ = _swung(nodes, _orientation(par, mem, a, b))
     angle, _ = unwrapped(angle, mem[model.LAST_ANGLE] - early * rates.w[0])
     error = _error(mem, position, swing)
+    _rebase(par, mem, position[0], angle)
     _write(par, mem, out, position, angle, misalignment, rates, error)
 
 

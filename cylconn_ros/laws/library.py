@@ -48,10 +48,8 @@ def run(scene: Scene, most: int) -> Recorded:
     samples = np.zeros((steps, layout.NSAMPLE))
     samples[:, layout.MOTION] = ran.states
     samples[:, layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    begins = np.arange(steps) == 0
-    return Recorded(
-        scene.method, scene, samples, ran.outs, np.full(steps, scene.period), begins, 0, ""
-    )
+    begins, periods = np.arange(steps) == 0, np.full(steps, scene.period)
+    return Recorded(scene.method, scene, samples, ran.outs, periods, periods, begins, 0, "")
 
 
 def _gains(scene: Scene) -> dict[str, float]:

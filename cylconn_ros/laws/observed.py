@@ -16,6 +16,8 @@ from cylconn_ros.laws.parameters import Bodies, Bools, Parameters, Rows
 
 Array = NDArray[np.float64]
 
+UNEXPLAINED = 0.08  # share of the squares of a motion seen and told by which they may differ
+
 
 @dataclasses.dataclass
 class History(Rows):
@@ -42,6 +44,7 @@ class History(Rows):
     imposed_at: Array  # (n, 2) where imposed motions have got to
     elastic: Array  # (n, 2) the elastic slip of a penalty method's stick, and its size
     elastic_size: Array
+    came: Array  # (n, 12) mass centre and its velocity, of A and of B
 
 
 def no_history(n: int) -> History:
@@ -68,6 +71,7 @@ def no_history(n: int) -> History:
         imposed_at=np.zeros((n, 2)),
         elastic=np.zeros((n, 2)),
         elastic_size=np.zeros((n, 2)),
+        came=np.zeros((n, 12)),
     )
 
 
@@ -186,7 +190,7 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
     target = np.concatenate([offsets, swings], axis=1)
     error = np.concatenate([d[:, 1:] - offsets, -rigid.swing(rest)], axis=1)
     ones = np.ones((len(sample), 2))
-    new_hold = ((past.stuck <= 1.0) | ~past.started)[:, None]
+    new_hold = (past.stuck <= 1.0) | ~past.started | jumped(p, a, b, past)
     return Observed(
         a=a,
         b=b,
@@ -201,11 +205,32 @@ def observe(p: Parameters, sample: Array, past: History) -> Observed:
         swing=swing,
         axes_b=_axes_b(p, a, b, past),
         total=past.total,
-        held=np.where(new_hold, place, past.held),
+        held=np.where(new_hold[:, None], place, past.held),
         holding=past.stuck >= 1.0,
-        new_hold=past.stuck <= 1.0,
+        new_hold=new_hold,
         start=np.where(past.started[:, None], past.start, place),
     )
+
+
+def jumped(p: Parameters, a: Motion, b: Motion, past: History) -> Bools:
+    """(n,) whether a body is where its twists do not lead: what sticks holds another place then."""
+    found, gap = np.zeros(len(past.period), dtype=np.bool_), past.period[:, None]
+    for m, at in ((a, 0), (b, 6)):
+        moved, told = m.com - past.came[:, at : at + 3], gap * m.velocity
+        mean = 0.5 * gap * (past.came[:, at + 3 : at + 6] + m.velocity)
+        apart = np.minimum(_square(moved - told), _square(moved - mean))
+        least = p.pull_in_speed * past.period
+        found |= apart > UNEXPLAINED * (_square(moved) + _square(told)) + least**2
+    return np.asarray(found & past.started)
+
+
+def _square(v: Array) -> Array:
+    return np.asarray(np.sum(v * v, axis=1))
+
+
+def came_of(a: Motion, b: Motion) -> Array:
+    """(n, 12) what a history keeps of motions."""
+    return np.concatenate([a.com, a.velocity, b.com, b.velocity], axis=1)
 
 
 def _position(p: Parameters, a: Motion, f: Frame) -> tuple[Array, Array]:
@@ -238,14 +263,15 @@ def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
 
     What bounds on slide and spin remember is not in it yet: :func:`cylconn_ros.laws.bounds.after`.
     """
-    stick = out[:, layout.REGIME] == layout.STICK
+    stick, one = out[:, layout.REGIME] == layout.STICK, np.minimum(past.stuck, 1.0)
     return dataclasses.replace(
         past,
         started=np.ones_like(past.started),
         target=o.target,
         axes_b=o.axes_b,
         start=o.start,
-        stuck=np.where(stick, past.stuck + 1.0, 0.0),
+        stuck=np.where(stick, np.where(o.new_hold, one, past.stuck) + 1.0, 0.0),
+        came=came_of(o.a, o.b),
         held=o.held,
         angle=o.place[:, 1],
         spin=o.w[:, 3],

@@ -16,7 +16,14 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws import elastic
 from cylconn_ros.laws.bounds import after, bounds
-from cylconn_ros.laws.observed import History, no_history, observe, remember
+from cylconn_ros.laws.observed import (
+    History,
+    came_of,
+    jumped,
+    no_history,
+    observe,
+    remember,
+)
 from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
 from cylconn_ros.laws.residual import Block
 from cylconn_ros.recording.errors import RecordingError
@@ -45,6 +52,7 @@ class Recorded:
     sample: Array  # (n, NSAMPLE)
     out: Array  # (n, NOUT)
     h: Array  # (n,) periods as the connector had them
+    since: Array  # (n,) s since the sample before
     begins: NDArray[np.bool_]  # (n,) a new history
     left_out: int  # states without a sample, or whose history is not in the recording
     why: str
@@ -64,26 +72,30 @@ class Recorded:
         one = parameters_of([self.scene])
         p = with_period(one.take(np.zeros(high - low, dtype=np.intp)), self.h[low:high])
         sample, out = self.sample[low:high], self.out[low:high]
-        return Block(p, tables_of([self.scene]), sample, out, _history(p, one, sample, out))
+        past = _history(p, one, sample, out, self.since[low:high])
+        return Block(p, tables_of([self.scene]), sample, out, past)
 
 
-def _history(p: Parameters, one: Parameters, sample: Array, out: Array) -> History:
+def _history(p: Parameters, one: Parameters, sample: Array, out: Array, since: Array) -> History:
     """The history before each of the samples of one connector since its start."""
     n = len(sample)
     first = remember(one, observe(one, sample[:1], no_history(1)), no_history(1), out[:1])
     past = first.take(np.zeros(n, dtype=np.intp))
     past.started[0], past.stuck[0] = False, 0.0
     past.angle[1:], past.spin[1:] = out[:-1, layout.ANGLE], out[:-1, layout.ANGULAR_VELOCITY]
-    past.period[1:], past.period[0] = p.h[:-1], 0.0
+    past.period[1:], past.period[0] = since[1:], 0.0
     past.total[1:], past.total[0] = out[:-1, [layout.FORCE, layout.MOMENT]], 0.0
     stick = out[:, layout.REGIME] == layout.STICK
+    o = observe(p, sample, past)
+    past.came[1:] = came_of(o.a, o.b)[:-1]
+    jumps = jumped(p, o.a, o.b, past)
     for k in range(1, n):
-        past.stuck[k] = past.stuck[k - 1] + 1.0 if stick[k - 1] else 0.0
-    place = observe(p, sample, past).place
-    for k in range(1, n):  # the place that stick holds is that of its second sample
-        past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else place[k]
-        if past.stuck[k] > 1.0 and past.stuck[k - 1] == 1.0:
-            past.held[k] = place[k - 1]
+        before = min(past.stuck[k - 1], 1.0) if jumps[k - 1] else past.stuck[k - 1]
+        past.stuck[k] = before + 1.0 if stick[k - 1] else 0.0
+    for k in range(1, n):  # the place that stick holds is that of its second sample, or of a jump
+        past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else o.place[k]
+        if past.stuck[k] > 1.0 and (past.stuck[k - 1] == 1.0 or jumps[k - 1]):
+            past.held[k] = o.place[k - 1]
     if not np.isnan(one.gains[0, 4]):
         _stretched(p, sample, out, past)
     return _bounded(p, sample, out, past) if one.bounded[0] else past
@@ -141,7 +153,7 @@ def samples_of(run: Run) -> Recorded:
     if not len(state):
         raise RecordingError(f"{run.path}: no state was recorded")
     answers = _answers(run, state)
-    samples, outs, periods, begins = [], [], [], []
+    samples, outs, periods, gaps, begins = [], [], [], [], []
     known, left_out = False, 0
     why = "the recording begins after the reference configuration, which the laws need"
     exchanged = 0.0
@@ -162,6 +174,7 @@ def samples_of(run: Run) -> Recorded:
         samples.append(sample)
         outs.append(out)
         periods.append(scene.period or h)
+        gaps.append(h or periods[-1])
         begins.append(again)
     refused = sum(out[layout.STATUS] != layout.OK for out in answers.values())
     left_out += len(answers) - int(refused)
@@ -171,6 +184,7 @@ def samples_of(run: Run) -> Recorded:
         np.array(samples).reshape(-1, layout.NSAMPLE),
         np.array(outs).reshape(-1, layout.NOUT),
         np.array(periods),
+        np.array(gaps),
         np.array(begins, dtype=np.bool_),
         left_out,
         why,

@@ -173,7 +173,7 @@ class Answering:
 
         Loads and commands hold.
         """
-        self.connector.reset()
+        self.connector.begin_anew()
         self._lane.give_back(self._ordinary)
         self.matcher.forget()
         self._answer = None
@@ -333,7 +333,7 @@ class Answering:
         if self.solve is not None:
             return self.solve(matched, begin)
         if matched.restarted:
-            self.connector.reset()
+            self.connector.begin_anew()
         self.connector.step(self.matcher.sample, matched.h, self._out)
         return self.finish(matched.stamp, matched.h, begin)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -41,6 +42,11 @@ _STEPS = (120, 1000)  # of a run, at least and at most
 BOUND = 0.01  # of the energy exchanged, that the passivity account may gain
 MOST, LEFT = 1.0, 0.05  # of what the scene has, that energy may exceed at most, and at the end
 ROUNDING = 1e-4  # of what the scene has, that its account may be off
+SETTLED = 2  # samples after the last at which a body is pulled in, until it rests
+_ACROSS = [*range(layout.VELOCITY + 1, layout.VELOCITY + 3),
+           *range(layout.ANGULAR_VELOCITY + 1, layout.ANGULAR_VELOCITY + 3)]  # fmt: skip
+_CONSTRAINT = [*range(layout.FORCE + 1, layout.FORCE + 3),
+               *range(layout.MOMENT + 1, layout.MOMENT + 3)]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -101,21 +107,46 @@ def _latencies(late: int) -> dict[str, int]:
 
 
 class Watched(Ours):
-    """A connector whose published account is watched."""
+    """A connector whose published account is watched.
 
-    def __init__(self, scene: Scene) -> None:
+    Args:
+        late: samples by which its wrenches act late.
+
+    Attributes
+    ----------
+        exceeded: the most by which the balance has exceeded 1 % of the energy exchanged and the
+            work of pulling in, J.
+        finite: every answer.
+    """
+
+    def __init__(self, scene: Scene, late: int = 0) -> None:
         super().__init__(scene)
-        self.exceeded = self.exchanged = 0.0
+        self.exceeded = 0.0
         self.finite = True
+        self._pulled, self._pulling = 0.0, 0
+        self._on_the_way: deque[Array] = deque([np.zeros(4)] * (late + 1))
+        self._last = self.out.copy()
 
     def receive(self, stamp: int, sample: Array) -> Array:
         """As any, and look at the answer."""
         answer = super().receive(stamp, sample)
+        self._pulled += self._pull()
         exchanged = float(self.out[layout.ENERGY_EXCHANGED])
-        beyond = float(self.out[layout.PASSIVITY_BALANCE]) - BOUND * exchanged
-        self.exceeded, self.exchanged = max(self.exceeded, beyond), max(self.exchanged, exchanged)
+        beyond = float(self.out[layout.PASSIVITY_BALANCE]) - BOUND * exchanged - self._pulled
+        self.exceeded = max(self.exceeded, beyond)
         self.finite &= bool(np.isfinite(self.out).all())
         return answer
+
+    def _pull(self) -> float:
+        """Work of the constraint since the last sample, while it says that it pulls in, J."""
+        out, acted = self.out, self._on_the_way.popleft()
+        self._on_the_way.append(out[_CONSTRAINT])
+        moved = 0.5 * self.scene.period * (out[_ACROSS] + self._last[_ACROSS])
+        self._last = out.copy()
+        if int(out[layout.FLAGS]) & layout.MISALIGNED:
+            self._pulling = len(self._on_the_way) + SETTLED
+        self._pulling -= 1
+        return float(acted @ moved) if self._pulling >= 0 else 0.0
 
 
 class Prompt:
@@ -138,24 +169,53 @@ class Prompt:
         exchanged = float(servant.out[layout.ENERGY_EXCHANGED])
         kinetic, _ = judge.energies(self.scene, states)
         self.scale = float(np.ptp(self.energy)) + exchanged + float(kinetic.max())
+        self._begun: dict[int, tuple[float, float]] = {}
 
     def energies(self, states: Array) -> Array:
         """Kinetic and gravitational energy of (N, 26) states, J."""
         with np.errstate(all="ignore"):
             return np.array([plant.energy(self._par, state) for state in states])
 
-    def unheld(self, late: int) -> float:
-        """Energy that the bodies take up while no wrench acts, and in being brought back, J."""
-        state, wrench = _start(self.scene), np.zeros(6)
+    def begun(self, late: int) -> tuple[float, float]:
+        """Energy at most and at the end where only the first wrench comes ``late``, J.
+
+        What is not held at first goes on with what it has taken up: nothing that a wrench can do
+        brings it back sooner than friction does.
+        """
+        if late in self._begun:
+            return self._begun[late]
+        servant, wrench = Watched(self.scene), np.zeros(12)
+        sample, energy = np.zeros(layout.NSAMPLE), self.energy.copy()
+        state = sample[layout.MOTION]
+        state[:], sample[layout.LOADS] = _start(self.scene), loads_of(self.scene)
+        for k in range(len(energy)):
+            energy[k] = plant.energy(self._par, state)
+            if k >= late:
+                wrench = servant.answer(sample)
+            self._move(state, wrench)
+        most = float(self.energy.max())
+        self._begun[late] = max(most, float(energy.max())), max(most, float(energy[-1]))
+        return self._begun[late]
+
+    def unheld(self, late: int, held: int) -> float:
+        """Energy that the bodies take up while no wrench acts, and in being brought back, J.
+
+        Their fall in ``late`` periods is brought back within one, by a wrench that acts ``held``.
+        """
+        state = _start(self.scene)
         first, begin = state.copy(), plant.energy(self._par, state)
         for _ in range(late):
-            plant.step(self._par, state, wrench, wrench, loads_of(self.scene), self.scene.period)
+            self._move(state, np.zeros(12))
         gained = abs(plant.energy(self._par, state) - begin)
         for body, at in ((self.scene.body_a, 7), (self.scene.body_b, 20)):
             if body.kind == "free":
                 change = state[at : at + 3] - first[at : at + 3]
                 gained += 0.5 * body.mass * float(change @ change)
-        return float(gained) * (late + 1) ** 2
+        return float(gained) * (late + held) ** 2
+
+    def _move(self, state: Array, wrench: Array) -> None:
+        loads, h = loads_of(self.scene), self.scene.period
+        plant.step(self._par, state, wrench[:6], wrench[6:], loads, h)
 
 
 def _start(scene: Scene) -> Array:
@@ -172,7 +232,7 @@ def _start(scene: Scene) -> Array:
 def outcome(prompt: Prompt, faults: Faults, latency: int) -> Outcome:
     """Run a scene through a faulty way and look at it from outside."""
     scene = dataclasses.replace(prompt.scene, latency=latency)
-    servant = Watched(scene)
+    servant = Watched(scene, faults.late)
     with np.errstate(all="ignore"):
         trace = closed(scene, servant, faults)
         if trace.lost or not servant.finite or not np.isfinite(trace.states).all():
@@ -184,18 +244,20 @@ def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> O
     scene = prompt.scene
     offset, angle = judge.errors(scene, judge.look(scene, trace.states))
     counts, stretches = judge.settled(scene, trace, offset, angle)
-    energy, fall = prompt.energies(trace.states), prompt.unheld(faults.late)
+    held = 2 if faults.drop or faults.reorder else 1
+    energy, fall = prompt.energies(trace.states), prompt.unheld(faults.late, held)
+    most, end = prompt.begun(faults.late)
     scale = max(prompt.scale + fall, 1e-9)
     excess, put = -math.inf, 0.0
     for first, last in stretches:  # what somebody else has put in is nobody's gain here
         put = max(float(energy[first] - prompt.energy[0]), 0.0) if first else 0.0
-        excess = max(excess, float(energy[first:last].max() - prompt.energy.max()) - put)
+        excess = max(excess, float(energy[first:last].max()) - most - put)
     return Outcome(
         True,
         float(offset[counts].max(initial=0.0)),
         float(angle[counts].max(initial=0.0)),
         excess / scale,
-        (float(energy[-1] - prompt.energy.max()) - put) / scale,
+        (float(energy[-1]) - end - put) / scale,
         (servant.exceeded - fall * len(trace.begins)) / scale,
     )
 

@@ -50,6 +50,7 @@ class Ours:
     """A connector, fed as the node feeds it: matched by stamp, answering each stamp once."""
 
     def __init__(self, scene: Scene) -> None:
+        self.scene = scene
         self.connector = Connector(scene)
         self.matcher = SampleMatcher(scene)
         self.out: Array = np.zeros(layout.NOUT)
@@ -70,7 +71,7 @@ class Ours:
             matched = self.matcher.twist(body, stamp, self._world, numbers[at + 7 : at + 13])
         if matched is not None and not matched.repeated:
             if matched.restarted:
-                self.connector.reset()
+                self.connector.begin_anew()
             self.connector.step(self.matcher.sample, matched.h, self.out)
         return self.out[: layout.STATE0]
 
