@@ -109,7 +109,7 @@ class Tray:
     def put(self, channel: int, data: bytes, log_time: int, publish_time: int) -> bool:
         """Append a message; False where there is no room. Times in ns, 64 bits."""
         state, accepted, length = self._state, self._accepted, len(data)
-        at, count = state
+        at, count = state[USED], state[COUNT]
         begin = at + HEAD
         end = begin + length
         if end > self.size or count >= self.room:

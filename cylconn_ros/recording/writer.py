@@ -175,7 +175,8 @@ class RunWriter:
                 failure every further call raises and counts the message in ``lost``. What the disk
                 refuses is known within :data:`INTERVAL`, not in the same call.
         """
-        if not self.put(self.channel(topic), cdr, log_time_ns, publish_time_ns):
+        channel = self.channels.get(topic) or self.channel(topic)
+        if not self.put(channel, cdr, log_time_ns, publish_time_ns):
             raise RecordingError(self.refusal)
 
     def channel(self, topic: str) -> int:
