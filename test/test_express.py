@@ -11,10 +11,10 @@ from test_live_answering import MS, Loop, make
 
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
-from cylconn_ros.ros import cdr, express
+from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import Answering
 from cylconn_ros.ros.cdr_writers import StampedWriter
-from cylconn_ros.ros.express import Likeness
+from cylconn_ros.ros.express.lane import Likeness
 
 NAMES = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
 # Where the computing time stands in the bytes of a state: nothing else may differ.
@@ -82,7 +82,7 @@ def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
     ordinarily, second = serve(scene, stream)
     assert len(by_express) > 100
     assert by_express == ordinarily
-    first._lane.give_back(first._ordinary)
+    first.lane.give_back(first._ordinary)
     assert first.matcher.counts == second.matcher.counts
     assert first.matcher.received == second.matcher.received
     assert first.health.undecodable == second.health.undecodable > 0
@@ -118,7 +118,7 @@ def test_a_likeness_needs_numbers_where_they_belong():
     assert Likeness.of(message, 7) == (len(message), len(message) - 56, message[12:-56])
     assert Likeness.of(message + b"\0", 7) is None
     assert Likeness.of(big_endian(message), 7) is None
-    assert express.Likeness.of(b"\0\1\0\0", 7) is None
+    assert Likeness.of(b"\0\1\0\0", 7) is None
 
 
 LACKING = """

@@ -62,7 +62,7 @@ def test_what_rang_for_several_and_completes_nothing_is_taken_whole(silent_bells
         taken.append(data)
         return data == b"completes"
 
-    group = loop._Group([loop.Entry(queue, receive)], print)
+    group = loop._Group(loop.Inputs([loop.Entry(queue, receive)]), print)
     queue.waiting += [b"completes"]
     group.serve(1.0)
     queue.waiting += [b"again", b"completes"]  # one ringing for both

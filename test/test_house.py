@@ -54,7 +54,7 @@ CORE_MAY = {
 }
 # The one file that knows the compiler and where its cache lies.
 COMPILER = SOURCE / "core" / "compiled.py"
-COMPILER_MAY = {"hashlib", "numba", "os", "pathlib", "tempfile"}
+COMPILER_MAY = {"hashlib", "llvmlite", "numba", "os", "pathlib", "tempfile"}
 
 MODULES = sorted(SOURCE.rglob("*.py"))
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cylconn_ros.connector.matching import INSISTENCE, REORDERING, SampleMatcher, into_world
+from cylconn_ros.connector.axes import into_world
+from cylconn_ros.connector.matching import INSISTENCE, REORDERING, SampleMatcher
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 

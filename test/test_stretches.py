@@ -20,7 +20,8 @@ from test_live_answering import make
 from cylconn_ros.bench.settings import Settings
 from cylconn_ros.cli import bench_replay
 from cylconn_ros.connector import scene_file
-from cylconn_ros.connector.matching import STREAMS, into_world, into_world_all
+from cylconn_ros.connector.axes import into_world, into_world_all
+from cylconn_ros.connector.matching import STREAMS
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
@@ -31,6 +32,7 @@ from cylconn_ros.recording.database import Topics
 from cylconn_ros.ros import alike, stretches
 from cylconn_ros.ros.answering import ODOMETRY, OUTPUTS, POSE, TWIST, WRENCH
 from cylconn_ros.ros.cdr_writers import JointStateWriter, OdometryWriter, StampedWriter
+from cylconn_ros.ros.express import tally
 from cylconn_ros.ros.replaying import Item, Replay
 from cylconn_ros.ros.stretches import Stretch
 
@@ -83,7 +85,8 @@ def told(replay: Replay, items: Iterator[Item]) -> tuple[list[Item], dict[str, A
         found.append(item._replace(data=data))
     answering = replay.answering
     matcher, last = answering.matcher, answering.zero()
-    health = dataclasses.replace(answering.health, worst_time=0.0)
+    health = dataclasses.asdict(answering.health)
+    health["numbers"] = np.delete(health["numbers"], tally.WORST_TIME).tobytes()
     kept = {
         "counts": replay.counts, "matched": matcher.counts, "received": matcher.received,
         "sample": matcher.sample.tobytes(), "last": matcher.last_stamp, "health": health,

@@ -84,6 +84,13 @@ class Connector:
         """The scene in numbers, with what is imposed (core/model.py)."""
         return self._par
 
+    def lend(self) -> tuple[int, Array, Array, float]:
+        """Method, parameters, memory and period, for compiled code that steps (series.answer).
+
+        Not for the method ``minimal``, whose step is compiled apart. The arrays stay the same ones.
+        """
+        return self._method, self._par, self._mem, self._period
+
     @property
     def late(self) -> int:
         """Samples by which wrenches act late: as the scene says, or as measured so far."""

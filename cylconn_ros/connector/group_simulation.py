@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.axes import into_world
 from cylconn_ros.connector.group import Group
-from cylconn_ros.connector.matching import into_world
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout

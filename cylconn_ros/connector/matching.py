@@ -13,12 +13,12 @@ old samples (or the same one again and again) with none newer in between.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from cylconn_ros.connector.axes import IN_BODY, IN_WORLD, NO_LOAD, into_world
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 
@@ -89,6 +89,8 @@ class SampleMatcher:
         What became of the messages.
     received
         Messages received, by stream.
+    load_numbers, load_axes
+        (12,), (2,) the loads in force of A and B, and NO_LOAD, IN_WORLD or IN_BODY for each.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -107,7 +109,8 @@ class SampleMatcher:
             else:
                 self._needed |= 0b11 << 2 * index
         self._names = [STREAMS[stream] for stream in self.needed]
-        self._loads: list[tuple[Vector, bool] | None] = [None, None]
+        self.load_numbers = np.zeros(2 * 6)
+        self.load_axes = np.full(2, NO_LOAD)
         self._pending: dict[int, _Slot] = {}
         self._old: dict[int, _Slot] = {}
         self.forget()
@@ -123,7 +126,8 @@ class SampleMatcher:
 
     def take_over(self, other: SampleMatcher, history: bool) -> None:
         """Go on with another matcher's counts and loads; with ``history``, also after its stamp."""
-        self.counts, self.received, self._loads = other.counts, other.received, other._loads
+        self.counts, self.received = other.counts, other.received
+        self.load_numbers[:], self.load_axes[:] = other.load_numbers, other.load_axes
         if history:
             self._last, self._step = other._last, other._step
 
@@ -181,12 +185,17 @@ class SampleMatcher:
     @property
     def loads(self) -> tuple[tuple[Vector, bool] | None, ...]:
         """For each body the load in force and whether it is in world axes, or None."""
-        return tuple(self._loads)
+        return tuple(
+            None if axes == NO_LOAD else (numbers, axes == IN_WORLD)
+            for numbers, axes in zip(
+                self.load_numbers.reshape(2, 6).tolist(), self.load_axes.tolist(), strict=True
+            )
+        )
 
-    def went_on(self, stamp: int, before: int, samples: int) -> None:
+    def went_on(self, stamp: int, before: int | None, samples: int) -> None:
         """Count ``samples`` that were matched elsewhere, as :meth:`straight` would have.
 
-        ``stamp`` and ``before``: of the last of them, and of the one before it.
+        ``stamp`` and ``before``: of the last of them, and of the one before it, if any.
         """
         for name in self._names:
             self.received[name] += samples
@@ -225,7 +234,8 @@ class SampleMatcher:
 
         It is held until the next, in the axes ``frame`` names (rule as for a twist).
         """
-        self._loads[body] = (load, self._in_world(body, frame))
+        self.load_numbers[6 * body : 6 * body + 6] = load
+        self.load_axes[body] = IN_WORLD if self._in_world(body, frame) else IN_BODY
 
     def _in_world(self, body: int, frame: str) -> bool:
         if frame == self._world:
@@ -337,41 +347,9 @@ class SampleMatcher:
 
     def fill_loads(self) -> None:
         """Write the loads in force to the sample; those in body axes turn with its poses."""
-        for body, load in enumerate(self._loads):
+        if not self.load_axes.any():
+            return
+        for body, load in enumerate(self.loads):
             if load is not None:
                 pose = self.sample[PLACES[2 * body + _POSE]].tolist()
                 self.sample[_LOADS[body]] = load[0] if load[1] else into_world(pose, load[0])
-
-
-def into_world(pose: Vector, pair: Vector) -> tuple[float, ...]:
-    """Turn two stacked vectors (6) from body axes into the world's, with a pose (7).
-
-    A quaternion without direction turns them into NaN: nobody knows where they point.
-    """
-    x, y, z, w = pose[3:7]
-    square = x * x + y * y + z * z + w * w
-    return _turned(x, y, z, w, 2.0 / square if 0.0 < square < math.inf else math.nan, pair)
-
-
-def into_world_all(poses: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(n, 6) what :func:`into_world` gives for each of (n, 7) poses and (n, 6) pairs."""
-    with np.errstate(all="ignore"):
-        x, y, z, w = poses[:, 3:7].T
-        square = x * x + y * y + z * z + w * w
-        s = np.where((square > 0.0) & (square < math.inf), 2.0 / square, math.nan)
-        return np.stack(_turned(x, y, z, w, s, pairs.T), axis=1)
-
-
-def _turned(x: Any, y: Any, z: Any, w: Any, s: Any, pair: Any) -> tuple[Any, ...]:
-    """Turn with numbers or arrays alike; ``s``: two over the square of the quaternion."""
-    xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z
-    wx, wy, wz = s * w * x, s * w * y, s * w * z
-    turned: list[Any] = []
-    for i in (0, 3):
-        a, b, c = pair[i : i + 3]
-        turned += (
-            a * (1.0 - yy - zz) + b * (xy - wz) + c * (xz + wy),
-            a * (xy + wz) + b * (1.0 - xx - zz) + c * (yz - wx),
-            a * (xz - wy) + b * (yz + wx) + c * (1.0 - xx - yy),
-        )
-    return tuple(turned)

@@ -6,10 +6,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import model
-from cylconn_ros.core.compiled import entry
+from cylconn_ros.core.compiled import entry, jit
 from cylconn_ros.methods.step import step
 
 Array = NDArray[np.float64]
+
+
+@jit
+def answer(
+    method: int,
+    par: Array,
+    mem: Array,
+    sample: Array,
+    h: float,
+    period: float,
+    out: Array,
+) -> None:
+    """Answer a sample (NSAMPLE,) into (NOUT,), as ``Connector.step`` does.
+
+    ``h``: seconds since the sample before. ``period``: the scene's, 0 where it has none.
+    """
+    if h > 0.0 and mem[model.LAST_PERIOD] > 0.0:
+        mem[model.LAST_PERIOD] = h
+    step(method, par, mem, sample, period if period != 0.0 else h, out)
 
 
 @entry
@@ -27,7 +46,4 @@ def run(
     ``since``: (N,) seconds since the sample before. ``period``: the scene's, 0 where it has none.
     """
     for k in range(samples.shape[0]):
-        h = since[k]
-        if h > 0.0 and mem[model.LAST_PERIOD] > 0.0:
-            mem[model.LAST_PERIOD] = h
-        step(method, par, mem, samples[k], period if period != 0.0 else h, outs[k])
+        answer(method, par, mem, samples[k], since[k], period, outs[k])

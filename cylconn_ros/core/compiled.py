@@ -29,14 +29,19 @@ try:
     if os.environ.get("CYLCONN_NO_COMPILER"):
         raise ImportError
     import numba
-    from numba.extending import register_jitable
+    from llvmlite import ir
+    from numba.extending import intrinsic, register_jitable
 except ImportError:
     numba = None
 
 COMPILED = numba is not None
 """Whether the physics runs compiled; ``CYLCONN_NO_COMPILER=1`` turns it off."""
 
-_CALLED = ("core/*.py", "methods/*.py", "recording/put.py", "recording/tray.py")  # from elsewhere
+_CALLED = (
+    "core/*.py", "methods/*.py", "connector/axes.py", "connector/series.py", "recording/put.py",
+    "recording/tray.py", "ros/express/*.py",
+)  # fmt: skip
+"""Whose functions are compiled into entries that stand elsewhere."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -102,6 +107,24 @@ if COMPILED:
         """Compile an entry that makes arrays."""
         return _entry(function, allocates=True)
 
+    @intrinsic
+    def call(
+        _context: Any, address: Any, first: Any, second: Any, third: Any, fourth: Any
+    ) -> tuple[Any, Any]:
+        """Call the C function at ``address`` with whole numbers and pointers; the int it returns.
+
+        All five are int64. A function of fewer arguments does not look at the rest.
+        """
+        whole = numba.types.int64
+
+        def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+            wide = ir.IntType(64)
+            kind = ir.FunctionType(ir.IntType(32), [wide] * 4)
+            function = builder.inttoptr(values[0], kind.as_pointer())
+            return builder.sext(builder.call(function, list(values[1:])), wide)
+
+        return whole(whole, whole, whole, whole, whole), generate
+
     def is_ready(function: Callable[..., Any]) -> bool:
         """Whether an entry runs at once: compiled before, by this program or an earlier one."""
         index = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
@@ -132,6 +155,10 @@ else:
         return lent  # type: ignore[return-value]
 
     entry_that_allocates = entry
+
+    def call(address: int, first: int, second: int, third: int, fourth: int) -> int:
+        """Nothing can be called so without a compiler."""
+        raise NotImplementedError
 
     def is_ready(function: Callable[..., Any]) -> bool:
         """Whether an entry runs at once: always, as nothing is compiled."""

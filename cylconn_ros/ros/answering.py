@@ -24,9 +24,11 @@ from cylconn_ros.ros.cdr_writers import (
     JointStateWriter,
     StampedWriter,
     StateWriter,
-    stamp_bytes,
 )
-from cylconn_ros.ros.express import Lane, Likeness
+from cylconn_ros.ros.express import tally
+from cylconn_ros.ros.express.lane import Lane, Likeness
+from cylconn_ros.ros.express.letters import Letters
+from cylconn_ros.ros.express.straight import Parts
 from cylconn_ros.ros.health import Health
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -48,9 +50,6 @@ OUTPUTS = (
     (JOINTS_TOPIC, JOINT_STATE),
 )
 
-# Where parts of an answer stand in its bytes.
-_WRENCH_A, _WRENCH_B = (slice(8 * at, 8 * at + 48) for at in (layout.FORCE_A, layout.FORCE_B))
-_STATE = slice(8 * layout.STATE.start, 8 * layout.STATE.stop)
 _JOINTS = (
     layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
     layout.MOMENT,
@@ -125,8 +124,8 @@ class Answering:
         self.matcher = SampleMatcher(scene)
         self.wanted: Callable[[str], bool] = lambda _: True
         self.solve: Callable[[Matched, float], Answer | None] | None = None
-        self._lane = Lane(self.matcher)
-        self._seen = b""  # a message that was held when somebody last looked
+        self.lane = Lane(self.matcher)
+        self._seen: tuple[tuple[int, bytes], ...] = ()  # held when somebody last looked
         self.health = Health()
         self.inputs = self._make_inputs()
         self._out = np.zeros(layout.NOUT)
@@ -135,7 +134,19 @@ class Answering:
         self._wrenches = [StampedWriter(frame) for frame in frames]
         self._state = StateWriter(scene.body_a.frame, self.connector.method)
         self._joints = JointStateWriter(scene.body_a.frame, commands.COMPONENTS)
-        self._answer: Answer | None = None
+        self.letters = Letters(
+            [
+                *(writer.write(0, np.zeros(6)) for writer in self._wrenches),
+                self._state.write(0, self._out),
+                self._joints.write(0, *np.zeros((3, len(commands.COMPONENTS)))),
+            ],
+            [
+                *(writer.blocks for writer in self._wrenches),
+                self._state.blocks,
+                self._joints.blocks,
+            ],
+        )
+        self._answered: int | None = None  # the stamp of the last answer, which ``out`` holds
         self.continues = False
         if previous is not None:
             self.take_over(previous)
@@ -152,7 +163,7 @@ class Answering:
         self.matcher.take_over(previous.matcher, history=self.continues)
         if self.continues:
             self.connector.memory = previous.connector.memory
-            self._answer = previous._answer
+            self._out[:], self._answered = previous._out, previous._answered
         memory = self.connector.memory
         kept = self.keep_imposed(previous)
         self.connector.memory = memory  # imposed motion goes on from where it has got to
@@ -174,15 +185,15 @@ class Answering:
         Loads and commands hold.
         """
         self.connector.begin_anew()
-        self._lane.give_back(self._ordinary)
+        self.lane.give_back(self._ordinary)
         self.matcher.forget()
-        self._answer = None
+        self._answered = None
 
     def settle(self) -> None:
         """Count what is held for a sample that does not go on; to be called now and then."""
-        held = next(iter(self._lane.held.values()), b"")
-        if held and held is self._seen:
-            self._lane.give_back(self._ordinary)
+        held = self.lane.held
+        if held and held == self._seen:
+            self.lane.give_back(self._ordinary)
         self._seen = held
 
     def release(self) -> None:
@@ -193,6 +204,11 @@ class Answering:
     def scene_in_force(self) -> Scene:
         """The scene with what commands impose in the place of its own ``command``."""
         return dataclasses.replace(self.scene, command=commands.as_parameters(self.imposed))
+
+    @property
+    def parts(self) -> Parts:
+        """What answers, for :class:`~cylconn_ros.ros.express.straight.Straight` to work on."""
+        return Parts(self.lane, self.connector.lend(), self._out, self.health.numbers, self.letters)
 
     @property
     def timing(self) -> slice:
@@ -208,12 +224,15 @@ class Answering:
     def between_samples(self) -> bool:
         """Whether samples have come, and nothing is held for the next."""
         matcher = self.matcher
-        return not (self._lane.held or matcher.waiting or matcher.last_stamp is None)
+        return not (self.lane.held or matcher.waiting or matcher.last_stamp is None)
 
-    def went_on(self, sample: np.ndarray, stamp: int, out: np.ndarray) -> None:
-        """Samples were answered elsewhere, these being the last and its answer."""
-        self.matcher.sample[:], self._out[:] = sample, out
-        self._answer = self._write(stamp, out, out[layout.REGIME : layout.NOUT].tolist())
+    def went_on(self, stamp: int, before: int | None, samples: int) -> None:
+        """Take note of ``samples`` that were answered elsewhere, with the arrays of this.
+
+        ``stamp`` and ``before``: of the last of them, and of the one before it, if any.
+        """
+        self.matcher.went_on(stamp, before, samples)
+        self._answered = stamp
 
     def rows(self, name: str, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
         """(n, bytes) uint8: messages of an output for (n,) stamps in ns, (n, NOUT) answers."""
@@ -231,9 +250,7 @@ class Answering:
         Their stamp is one nanosecond after the last sample's: the newest for whoever applies the
         newest wrench, and never the stamp a plant in lock step is waiting for.
         """
-        if self._answer is None:
-            return None
-        return self._only_wrenches(self._answer.stamp + 1)
+        return None if self._answered is None else self._only_wrenches(self._answered + 1)
 
     def _make_inputs(self) -> dict[str, Input]:
         inputs: dict[str, Input] = {}
@@ -250,11 +267,11 @@ class Answering:
 
     def _motion(self, stream: int, data: bytes) -> Answer | None:
         """Take a pose or twist: by the express lane, or else on the ordinary way."""
-        taken = self._lane.take(stream, data)
+        taken = self.lane.take(stream, data)
         if taken is True:
             return None
         if taken is False:
-            self._lane.give_back(self._ordinary)
+            self.lane.give_back(self._ordinary)
             return self._ordinary(stream, data)
         try:
             return self._serve(taken, time.perf_counter())
@@ -280,10 +297,7 @@ class Answering:
     def _learn(self, stream: int, data: bytes, numbers: int, in_world: bool) -> None:
         """Let messages that are like this one take the express lane, if they may."""
         likeness = Likeness.of(data, numbers) if in_world else None
-        if likeness is None:
-            self._lane.likenesses.pop(stream, None)
-        else:
-            self._lane.likenesses[stream] = likeness
+        self.lane.learn(stream, likeness, data)
 
     def _odometry(self, body: int, data: bytes) -> Matched | None:
         stamp, frame, child, pose, twist = cdr.read_odometry(data)
@@ -325,11 +339,14 @@ class Answering:
         """Go on: counted, reported, and no force."""
         self.health.failed += 1
         self.health.failure = f"{type(error).__name__}: {error}"
-        return None if matched is None else self._only_wrenches(matched.stamp)
+        if matched is None:
+            return None
+        self._out[:], self._answered = 0.0, matched.stamp
+        return self._only_wrenches(matched.stamp)
 
     def _serve(self, matched: Matched, begin: float) -> Answer | None:
-        if matched.repeated and self._answer is not None:
-            return self._answer
+        if matched.repeated and self._answered is not None:
+            return self._write(self._answered)
         if self.solve is not None:
             return self.solve(matched, begin)
         if matched.restarted:
@@ -339,42 +356,23 @@ class Answering:
 
     def finish(self, stamp: int, h: float, begin: float) -> Answer:
         """The answer in :attr:`out` to the sample at ``stamp``; computing began at ``begin``."""
-        out, period = self._out, self.scene.period
-        if period > 0.0 and h > 0.0 and abs(h - period) > 0.01 * period:
-            self.health.off_period += 1
-            self.health.seen_period = h
+        out = self._out
         out[layout.COMPUTING_TIME] = time.perf_counter() - begin
-        whole = out[layout.REGIME : layout.NOUT].tolist()
-        self._answer = self._write(stamp, out, whole)
-        self._examine(out, whole)
-        return self._answer
+        self._answered = stamp
+        tally.note_one(self.health.numbers, out, h, self.scene.period)
+        return self._write(stamp)
 
-    def _write(self, stamp: int, out: np.ndarray, whole: list[float]) -> Answer:
-        joints = None
-        if self.wanted(JOINTS_TOPIC):
-            length, angle, velocity, spin, force, moment = (out[k].item() for k in _JOINTS)
-            joints = self._joints.write(stamp, (length, angle), (velocity, spin), (force, moment))
-        time_bytes, numbers = stamp_bytes(stamp), out.tobytes()
-        state = None
-        if self.wanted(STATE_TOPIC):
-            state = self._state.join(time_bytes, numbers[_STATE], whole)
-        a, b = self._wrenches
-        return Answer(
-            stamp,
-            a.join(time_bytes, numbers[_WRENCH_A]),
-            b.join(time_bytes, numbers[_WRENCH_B]),
-            state,
-            joints,
-        )
+    def _write(self, stamp: int) -> Answer:
+        letters = self.letters
+        letters.write(stamp, self._out)
+        state = letters.message(2) if self.wanted(STATE_TOPIC) else None
+        joints = letters.message(3) if self.wanted(JOINTS_TOPIC) else None
+        return Answer(stamp, letters.message(0), letters.message(1), state, joints)
 
     def _only_wrenches(self, stamp: int) -> Answer:
         nothing = np.zeros(6)
         wrenches = [writer.write(stamp, nothing) for writer in self._wrenches]
         return Answer(stamp, wrenches[0], wrenches[1], None, None)
-
-    def _examine(self, out: np.ndarray, whole: list[float]) -> None:
-        """Keep what diagnostics will say about an answer."""
-        self.health.note_one(out, whole)
 
 
 def _same(before: Scene, after: Scene, beginning: str | tuple[str, ...]) -> bool:

@@ -83,16 +83,17 @@ class StampedWriter:
 
     def write(self, stamp: int, values: np.ndarray) -> bytes:
         """Write ``values`` ((count,) float64) with a stamp in ns."""
-        return self.join(stamp_bytes(stamp), values.tobytes())
+        return b"".join((ENCAPSULATION, stamp_bytes(stamp), self._words, values.tobytes()))
 
-    def join(self, stamp: bytes, numbers: bytes) -> bytes:
-        """The same of what is bytes already."""
-        return b"".join((ENCAPSULATION, stamp, self._words, numbers))
+    @property
+    def blocks(self) -> list[int]:
+        """Where the numbers begin."""
+        return [_WORDS + len(self._words)]
 
     def rows(self, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(n, bytes) uint8: what :meth:`write` gives for (n,) stamps and (n, count) values."""
-        found = _rows(self.join(stamp_bytes(0), bytes(8 * values.shape[1])), stamps)
-        _put(found, _WORDS + len(self._words), values)
+        found = _rows(self.write(0, np.zeros(values.shape[1])), stamps)
+        _put(found, self.blocks[0], values)
         return found
 
 
@@ -124,10 +125,10 @@ class JointStateWriter:
         message.count(len(names))
         for name in names:
             message.string(name)
-        self._blocks = []
+        self.blocks: list[int] = []  # where each kind of numbers begins
         for _ in range(3):
             message.count(len(names))
-            self._blocks.append(message.block(8 * len(names)))
+            self.blocks.append(message.block(8 * len(names)))
         self._numbers = struct.Struct(f"={len(names)}d")
         self._data = message.data
 
@@ -140,14 +141,14 @@ class JointStateWriter:
     ) -> bytes:
         """Write three numbers a joint, in the order of the names; stamp in ns."""
         _stamp(self._data, stamp)
-        for at, values in zip(self._blocks, (positions, velocities, efforts), strict=True):
+        for at, values in zip(self.blocks, (positions, velocities, efforts), strict=True):
             self._numbers.pack_into(self._data, at, *values)
         return bytes(self._data)
 
     def rows(self, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(n, bytes) uint8: the same for (n,) stamps and (n, 3, joints) values."""
         found = _rows(bytes(self._data), stamps)
-        for k, at in enumerate(self._blocks):
+        for k, at in enumerate(self.blocks):
             _put(found, at, values[:, k])
         return found
 
@@ -171,14 +172,15 @@ class StateWriter:
 
     def write(self, stamp: int, out: np.ndarray) -> bytes:
         """Write ``out`` ((NOUT,) float64, core/layout.py) with a stamp in ns."""
-        whole = out[layout.REGIME : layout.NOUT].tolist()
-        return self.join(stamp_bytes(stamp), out[layout.STATE].tobytes(), whole)
+        small = _NUMBERS.pack(*(int(number) for number in out[layout.REGIME : layout.NOUT]))
+        numbers = out[layout.STATE].tobytes()
+        stamped = stamp_bytes(stamp)
+        return b"".join((ENCAPSULATION, stamped, self._words, numbers, small, self._end))
 
-    def join(self, stamp: bytes, numbers: bytes, whole: Sequence[float]) -> bytes:
-        """The same of what is bytes already, and the five whole numbers."""
-        regime, stop, lock, status, flags = whole
-        small = _NUMBERS.pack(int(regime), int(stop), int(lock), int(status), int(flags))
-        return b"".join((ENCAPSULATION, stamp, self._words, numbers, small, self._end))
+    @property
+    def blocks(self) -> list[int]:
+        """Where the state block begins, and the whole numbers."""
+        return [self._block, self._block + 8 * layout.NSTATE]
 
     def rows(self, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
         """(n, bytes) uint8: what :meth:`write` gives for (n,) stamps and (n, NOUT) answers."""

@@ -244,7 +244,7 @@ class ConnectorNode(LifecycleNode):
                 self.get_logger().info(self._open_recording())
             except RecordingError as error:
                 self.get_logger().error(f"{error}; serving without a recording")
-        groups = [[entry for one in group for entry in one.open_inputs()] for group in self._groups]
+        groups = [loop.joined([one.open_inputs() for one in group]) for group in self._groups]
         if self._loop is not None:
             self._loop.open(groups)
 

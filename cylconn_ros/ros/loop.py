@@ -63,6 +63,25 @@ class Entry(NamedTuple):
     seldom: bool = False
 
 
+class Inputs(NamedTuple):
+    """Subscriptions whose messages make samples together.
+
+    ``take``, where there is one, takes all messages of those that are not ``seldom`` and has them
+    served; it returns which of these completed the last sample, and gives what serving raises to
+    its argument.
+    """
+
+    entries: Sequence[Entry]
+    take: Callable[[Callable[[Exception], object]], int | None] | None = None
+
+
+def joined(several: Sequence[Inputs]) -> Inputs:
+    """Inputs whose messages make samples together only with the others'."""
+    if len(several) == 1:
+        return several[0]
+    return Inputs([entry for inputs in several for entry in inputs.entries])
+
+
 _Stream = tuple[int, Callable[[], Any], Receive, Gaps]
 
 
@@ -78,9 +97,10 @@ def _streams(entries: Sequence[Entry]) -> list[_Stream]:
 class _Group:
     """Subscriptions whose messages make samples together, in the order in which they are taken."""
 
-    def __init__(self, entries: Sequence[Entry], caught: Callable[[Exception], object]) -> None:
-        often = [entry for entry in entries if not entry.seldom]
-        seldom = [entry for entry in entries if entry.seldom]
+    def __init__(self, inputs: Inputs, caught: Callable[[Exception], object]) -> None:
+        often = [entry for entry in inputs.entries if not entry.seldom]
+        seldom = [entry for entry in inputs.entries if entry.seldom]
+        self._straight = inputs.take
         self.bell, self.seldom_bell = (
             bells.Bell([entry.subscription for entry in some]) for some in (often, seldom)
         )
@@ -102,9 +122,12 @@ class _Group:
         self._rounds += 1
         expected = self._last is not None and now < self.due
         most = 1 if expected and self._rounds % _THOROUGH else _ALL
-        last = self._take(self._streams, most)
-        if last is None and most == 1:  # what was not taken has rung already
-            last = self._take(self._streams, _ALL)
+        if self._straight is not None:
+            last = self._straight(self._caught)
+        else:
+            last = self._take(self._streams, most)
+            if last is None and most == 1:  # what was not taken has rung already
+                last = self._take(self._streams, _ALL)
         if last != self._last:
             self._tie(last)
         if last is None:
@@ -166,12 +189,12 @@ class Loop:
         self._ending = False
         self._thread: threading.Thread | None = None
 
-    def open(self, groups: Sequence[Sequence[Entry]]) -> None:
+    def open(self, groups: Sequence[Inputs]) -> None:
         """Take subscriptions over from the node's executor and begin."""
-        self._entries = [entry for group in groups for entry in group]
+        self._entries = [entry for group in groups for entry in group.entries]
         for entry in self._entries:
             self._node._subscriptions.remove(entry.subscription)
-        self._groups = [_Group(entries, self._caught) for entries in groups]
+        self._groups = [_Group(inputs, self._caught) for inputs in groups]
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="samples", daemon=True)
         self._thread.start()

@@ -10,7 +10,7 @@ from geometry_msgs.msg import Point, Pose
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cylconn_ros.connector.matching import into_world
+from cylconn_ros.connector.axes import into_world
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 

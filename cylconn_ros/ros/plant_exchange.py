@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cylconn_ros.connector.matching import into_world
+from cylconn_ros.connector.axes import into_world
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import BODIES, ODOMETRY, POSE, TWIST, WRENCH

@@ -17,7 +17,10 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.ros.answering import Answer, Answering
 from cylconn_ros.ros.diagnostics import Links, Monitor
 from cylconn_ros.ros.diagnostics_writer import Part
-from cylconn_ros.ros.loop import Entry, Receive
+from cylconn_ros.ros.express import straight
+from cylconn_ros.ros.express.straight import Straight
+from cylconn_ros.ros.gaps import Gaps
+from cylconn_ros.ros.loop import Inputs, Receive
 from cylconn_ros.ros.names import said
 from cylconn_ros.ros.recording import Recorder, now
 from cylconn_ros.ros.silence import News, Silence
@@ -45,16 +48,18 @@ class Served:
         scene: Callable[[], Scene],
         recorder: Recorder,
         lock: Any,
-        straight: bool,
+        on_loop: bool,
     ) -> None:
         """``scene`` gives the one in force; ``lock`` is held by all that changes what answers.
 
-        ``straight``: a :class:`~cylconn_ros.ros.loop.Loop` takes the inputs, not the executor.
+        ``on_loop``: a :class:`~cylconn_ros.ros.loop.Loop` takes the inputs, not the executor.
         """
         self.name = name
         self._node, self._scene, self._recorder, self._lock = node, scene, recorder, lock
         self.links = Links()
-        self.topics = Topics(node, name, self.links, straight)
+        self.topics = Topics(node, name, self.links, on_loop)
+        self._on_loop = on_loop
+        self._straight: Straight | None = None  # while inputs are open, where it can be had
         self.together: Together | None = None
         self.partners: list[Served] = []  # as the members of ``together`` are
         self.listeners: dict[str, list[tuple[Served, str]]] = {}
@@ -69,10 +74,47 @@ class Served:
 
     # --- samples ---------------------------------------------------------------------------------
 
-    def open_inputs(self) -> list[Entry]:
+    def open_inputs(self) -> Inputs:
         """Subscribe; what a loop is to serve."""
+        answering = self.answering
+        assert answering is not None
+        entries = self.topics.open_inputs(answering, self._receiver)
+        if not self._goes_straight(answering):
+            return Inputs(entries)
+        inputs = [
+            straight.Input(entry.subscription, stream, entry.receive, Gaps(entry.lost))
+            for entry, stream in zip(
+                [entry for entry in entries if not entry.seldom],
+                answering.matcher.needed,
+                strict=True,
+            )
+        ]
+        self._straight = Straight(
+            inputs, self.topics.publishers, answering.parts, self._went_straight
+        )
+        return Inputs(entries, self._take_straight)
+
+    def _goes_straight(self, answering: Answering) -> bool:
+        """Whether nothing stands between a sample and the compiled call that answers it."""
+        alone = self.together is None and not self.listeners and not self.topics.foreign
+        compiled = answering.connector.method != "minimal" and not straight.missing()
+        return self._on_loop and alone and compiled and answering.scene.input == "pose_twist"
+
+    def _take_straight(self, caught: Callable[[Exception], object]) -> int | None:
+        assert self._straight is not None
+        self._straight.open = not self._recorder.running
+        return self._straight.take(caught)
+
+    def _went_straight(self, samples: int) -> None:
+        """Take note of samples that were answered and published."""
         assert self.answering is not None
-        return self.topics.open_inputs(self.answering, self._receiver)
+        assert self._straight is not None
+        stamp, before, begun, unsent = self._straight.told[straight.STAMP :].tolist()[:4]
+        self.answering.went_on(stamp, before if begun else None, samples)
+        if unsent:
+            self._straight.told[straight.UNSENT] = 0
+            self.topics.failed(unsent)
+        self._published(stamp, samples)
 
     def _receiver(self, name: str, topic: str) -> Receive:
         """What takes the messages of input ``name``, received on ``topic``."""
@@ -110,10 +152,13 @@ class Served:
 
     def _publish(self, answer: Answer) -> None:
         self.topics.publish(answer)
+        self._published(answer.stamp, 1)
+
+    def _published(self, stamp: int, samples: int) -> None:
         self._answered_at = time.monotonic()
-        self.history += 1
+        self.history += samples
         if self._drawing and self.answering is not None:
-            self.topics.draw(answer.stamp, self.answering)
+            self.topics.draw(stamp, self.answering)
 
     def record(self, answer: Answer) -> None:
         """Record an answer, after the message that completed its sample."""
@@ -169,6 +214,8 @@ class Served:
         self.answering = Answering(self._scene())
         self.answering.wanted = self._wanted
         self.topics.open_outputs(self._scene())
+        if self._goes_straight(self.answering):
+            straight.prepare(self.answering.parts)
         return self.answering.connector.model
 
     def activate(self) -> None:
@@ -180,6 +227,9 @@ class Served:
     def deactivate(self) -> None:
         """Unsubscribe, and send a last zero wrench."""
         self.topics.close_inputs()
+        if self._straight is not None:
+            self._straight.close()
+            self._straight = None
         self.send_zero()
 
     def clean(self) -> None:
@@ -216,6 +266,8 @@ class Served:
             prepared.take_over(previous)
             self.answering = prepared
             self._silence.due = 0.0
+            if self._straight is not None:
+                self._straight.use(prepared.parts)
             if not prepared.continues:
                 self.forget()
         logger = self._node.get_logger()

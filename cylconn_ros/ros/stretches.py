@@ -8,12 +8,14 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.matching import PLACES, STREAMS, into_world_all
+from cylconn_ros.connector.axes import into_world_all
+from cylconn_ros.connector.matching import PLACES, STREAMS
 from cylconn_ros.core import layout
 from cylconn_ros.recording.blocks import Block
 from cylconn_ros.recording.tray import Messages
 from cylconn_ros.ros import alike
 from cylconn_ros.ros.answering import BODIES, Answering
+from cylconn_ros.ros.express import tally
 
 MOST = 2048  # samples of a stretch: what they and their answers take stays in the cache
 _SHORT = 8  # samples below which a stretch was not worth its call
@@ -171,21 +173,14 @@ class Stretches:
     def _answer(self, n: int, began: float) -> None:
         """Answer n samples and keep what the node keeps of each."""
         answering, outs, stamps = self._answering, self._outs[:n], self._stamps
-        matcher, health, scene = answering.matcher, answering.health, answering.scene
-        since = self._since[:n]
+        matcher, since = answering.matcher, self._since[:n]
         before = int(stamps[n - 2]) if n > 1 else matcher.last_stamp
-        assert before is not None
-        matcher.went_on(int(stamps[n - 1]), before, n)
         matcher.counts.foreign_frames += n * sum(self._foreign)
         answering.connector.run_each(self._into_world(n), since, outs)
-        if scene.period > 0.0:
-            off = (since > 0.0) & (np.abs(since - scene.period) > 0.01 * scene.period)
-            if off.any():
-                health.off_period += int(np.count_nonzero(off))
-                health.seen_period = float(since[off][-1])
         outs[:, layout.COMPUTING_TIME] = (time.perf_counter() - began) / n
-        answering.went_on(self._samples[n - 1], int(stamps[n - 1]), outs[n - 1])
-        health.examine(outs)
+        matcher.sample[:], answering.out[:] = self._samples[n - 1], outs[n - 1]
+        answering.went_on(int(stamps[n - 1]), before, n)
+        tally.note_all(answering.health.numbers, outs, since, answering.scene.period)
 
     def _into_world(self, n: int) -> NDArray[np.float64]:
         """(n, NSAMPLE) the samples, what is in body axes turned into the world's."""

@@ -18,6 +18,7 @@ from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import names, qos
 from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links
+from cylconn_ros.ros.express import rcl
 from cylconn_ros.ros.loop import Entry, Receive
 from cylconn_ros.ros.markers import RATE, Markers
 from cylconn_ros.ros.message_types import message_class
@@ -126,6 +127,16 @@ class Topics:
         except Exception as error:
             self._links.unsent += 1
             self._links.unsent_text = str(error)
+
+    def failed(self, count: int) -> None:
+        """Count messages that compiled code could not publish."""
+        self._links.unsent += count
+        self._links.unsent_text = rcl.taken_error()
+
+    @property
+    def publishers(self) -> list[Any]:
+        """Their handles, in the order of an answer's messages."""
+        return [publisher.handle for publisher in self._publishers]
 
     def wanted(self, name: str) -> bool:
         """Whether anybody listens to an output."""

@@ -1,7 +1,8 @@
 """The least a node of this kind does, on the same loop as ours: take four, publish three.
 
-``python -m cylconn_ros.ros.bench.forwarder --ros-args -r __ns:=/bare``. Nothing is decoded beyond
-the bytes of the stamp and nothing is computed; what is published has the size of a real answer.
+``python -m cylconn_ros.ros.bench.forwarder --ros-args -r __ns:=/bare``. Compiled as ours is, but
+nothing is looked at beyond the bytes of the stamp and nothing is computed; what is published has
+the size of a real answer.
 """
 
 from __future__ import annotations
@@ -9,19 +10,82 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 import rclpy
 
 from cylconn_ros.core import layout
+from cylconn_ros.core.compiled import call, entry
 from cylconn_ros.ros import answering as messages
 from cylconn_ros.ros import process, qos
 from cylconn_ros.ros.bench.topics import INPUTS, OUTPUTS
 from cylconn_ros.ros.cdr_writers import StampedWriter, StateWriter
-from cylconn_ros.ros.loop import Entry, Loop
+from cylconn_ros.ros.express import rcl
+from cylconn_ros.ros.loop import Entry, Inputs, Loop
 from cylconn_ros.ros.message_types import message_class
 
-_STAMP = slice(4, 12)  # of a message with a header
+_STAMP: Final = 4  # where it begins in a message with a header
+_STAMP_SIZE: Final = 8
+
+
+@entry
+def _forward(
+    taken: Any, addresses: Any, subscriptions: Any, boxes: Any, inbox: Any, publishers: Any,
+    bodies: Any, outbox: Any,
+) -> int:  # fmt: skip
+    """Take a message of each, publish one on each; the samples that were answered.
+
+    ``taken``: (1,) how many of them have been taken for the sample under way.
+    """
+    count, last, answered = len(subscriptions), len(subscriptions) - 1, 0
+    while count:
+        for k in range(taken[0], count):
+            if call(addresses[rcl.TAKE], subscriptions[k], inbox[k], addresses[rcl.INFO], 0) != 0:
+                return answered
+            taken[0] = k + 1
+        taken[0] = 0
+        stamp = boxes[rcl.MESSAGE * last + rcl.BYTES] + _STAMP
+        for k in range(len(publishers)):
+            call(addresses[rcl.COPY], bodies[k] + _STAMP, stamp, _STAMP_SIZE, 0)
+            call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0)
+        answered += 1
+    return answered
+
+
+class _Forwarder:
+    """Hold what :func:`_forward` works on."""
+
+    def __init__(self, subscriptions: list[Any], publishers: list[Any]) -> None:
+        blank = {
+            messages.WRENCH: StampedWriter("body_b").write(0, np.zeros(6)),
+            messages.STATE: StateWriter("body_a", "impulse").write(0, np.zeros(layout.NOUT)),
+        }
+        self._memory, self._inbox = rcl.Memory(), rcl.Inbox(len(subscriptions))
+        self._bodies = [
+            np.frombuffer(bytearray(blank[kind]), np.uint8) for kind in OUTPUTS.values()
+        ]
+        bodies = [body.ctypes.data for body in self._bodies]
+        self._outbox = rcl.Outbox(bodies, [len(body) for body in self._bodies])
+        addresses = [one.handle.pointer for one in subscriptions]
+        whole = np.int64
+        self._arguments = (
+            np.zeros(1, whole),
+            self._memory.addresses,
+            np.array(addresses),
+            self._inbox.memory,
+            self._inbox.addresses,
+            np.array([one.handle.pointer for one in publishers]),
+            np.array(bodies),
+            self._outbox.addresses,
+        )
+        taken, first, _, *rest = self._arguments
+        _forward(taken, first, np.zeros(0, whole), *rest)  # compiled now
+
+    def take(self, _caught: Callable[[Exception], object]) -> int | None:
+        """Forward all that has come."""
+        return len(INPUTS) - 1 if _forward(*self._arguments) else None
 
 
 def main() -> int:
@@ -29,37 +93,17 @@ def main() -> int:
     rclpy.init()
     node = rclpy.create_node("connector")
     publishers = [
-        node.create_publisher(message_class(kind), name, qos.samples()).handle
+        node.create_publisher(message_class(kind), name, qos.samples())
         for name, kind in OUTPUTS.items()
     ]
-    bodies = {
-        messages.WRENCH: StampedWriter("body_b").write(0, np.zeros(6)),
-        messages.STATE: StateWriter("body_a", "impulse").write(0, np.zeros(layout.NOUT)),
-    }
-    answers = [(bodies[kind][:4], bodies[kind][12:]) for kind in OUTPUTS.values()]
-    came: dict[bytes, int] = {}
-
-    def receive(data: bytes) -> bool:
-        stamp = data[_STAMP]
-        count = came.pop(stamp, 0) + 1
-        if count < len(INPUTS):
-            came[stamp] = count
-            return False
-        for publisher, (head, rest) in zip(publishers, answers, strict=True):
-            publisher.publish_raw(head + stamp + rest)
-        return True
-
-    entries = [
-        Entry(
-            node.create_subscription(
-                message_class(kind), name, lambda _: None, qos.samples(), raw=True
-            ),
-            receive,
-        )
+    subscriptions = [
+        node.create_subscription(message_class(kind), name, lambda _: None, qos.samples(), raw=True)
         for name, kind in INPUTS.items()
     ]
+    entries = [Entry(one, lambda _: False) for one in subscriptions]
+    forwarder = _Forwarder(subscriptions, publishers)
     loop = Loop(node, threading.Lock(), lambda error: print(error, file=sys.stderr, flush=True))
-    loop.open([entries])
+    loop.open([Inputs(entries, forwarder.take)])
     try:
         while True:
             time.sleep(1.0)
