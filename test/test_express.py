@@ -1,8 +1,11 @@
 """The express lane is only faster: whatever comes in whatever order, the answers are the same."""
 
+import ctypes
+import functools
 import random
 import struct
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +17,10 @@ from cylconn_ros.core import layout
 from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import Answering
 from cylconn_ros.ros.cdr_writers import StampedWriter
+from cylconn_ros.ros.express import rcl, straight, tally
 from cylconn_ros.ros.express.lane import Likeness
+from cylconn_ros.ros.express.straight import Straight
+from cylconn_ros.ros.gaps import Gaps
 
 NAMES = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
 # Where the computing time stands in the bytes of a state: nothing else may differ.
@@ -27,7 +33,7 @@ def messages(rng: random.Random, count: int) -> list[tuple[str, bytes]]:
     frames = {"pose": ["world"] * 30 + ["", "map"], "twist": ["world"] * 30 + ["", "body_b", "x"]}
     stamp = 0
     for _ in range(count):
-        stamp += rng.choice([MS] * 20 + [MS + 500, 0, -MS, -30 * MS])
+        stamp = max(0, stamp + rng.choice([MS] * 80 + [MS + 500, 0, -MS, -30 * MS]))
         sample = []
         for name in rng.sample(NAMES, 4) if rng.random() < 0.2 else NAMES:
             kind = name.partition("/")[2]
@@ -35,7 +41,7 @@ def messages(rng: random.Random, count: int) -> list[tuple[str, bytes]]:
             if kind == "pose":
                 values[6] = 1.0
             frame = rng.choice(frames[kind])
-            data = StampedWriter(frame, len(values)).write(max(stamp, 0), values)
+            data = StampedWriter(frame, len(values)).write(stamp, values)
             if rng.random() < 0.02:
                 data = rng.choice([data[:-3], data + b"\0\0", b"", big_endian(data)])
             sample += [(name, data)] * rng.choice([1] * 40 + [0, 2])
@@ -65,12 +71,17 @@ def serve(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, Answerin
     for name, data in stream:
         answer = answering.inputs[name].receive(data)
         if answer is not None:
-            state = answer.state
-            if state is not None:
-                block = state.index(b"body_a") + 12  # "body_a" and a zero, aligned to 8
-                state = state[: block + TIME] + state[block + TIME + 8 :]
+            state = None if answer.state is None else without_time(2, answer.state)[1]
             found.append((*answer[:3], state, answer.joint_state))
     return found, answering
+
+
+def without_time(k: int, data: bytes) -> tuple[int, bytes]:
+    """Message ``k`` of an answer, a state without its computing time."""
+    if k != 2:
+        return k, data
+    block = data.index(b"body_a") + 12  # "body_a" and a zero, aligned to 8
+    return k, data[: block + TIME] + data[block + TIME + 8 :]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -87,6 +98,99 @@ def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
     assert first.matcher.received == second.matcher.received
     assert first.health.undecodable == second.health.undecodable > 0
     np.testing.assert_array_equal(first.matcher.sample, second.matcher.sample)
+
+
+class Middleware:
+    """Give messages in their order and keep what is published, called by address as rcl is."""
+
+    def __init__(self, stream: list[tuple[str, bytes]], listened: set[int]) -> None:
+        self.left, self.listened = list(stream), listened
+        self.published: list[tuple[int, bytes]] = []
+        self.sent = dict.fromkeys(NAMES, 0)
+        self._buffers: list[ctypes.Array] = []
+        kind = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_int64] * 4)
+        self.functions = [kind(f) for f in (self._take, self._publish, self._count)]
+
+    def _take(self, subscription: int, message: int, info: int, _: int) -> int:
+        if not self.left or self.left[0][0] != NAMES[subscription]:
+            return 401
+        name, data = self.left.pop(0)
+        self._buffers = [*self._buffers[-8:], ctypes.create_string_buffer(data, len(data))]
+        words = ctypes.cast(message, ctypes.POINTER(ctypes.c_int64))
+        words[0], words[1] = ctypes.addressof(self._buffers[-1]), len(data)
+        ctypes.cast(info, ctypes.POINTER(ctypes.c_int64))[rcl.SEQUENCE] = self.sent[name]
+        self.sent[name] += 1
+        return 0
+
+    def _publish(self, publisher: int, message: int, *_: int) -> int:
+        words = ctypes.cast(message, ctypes.POINTER(ctypes.c_int64))
+        self.published.append((publisher, ctypes.string_at(words[0], words[1])))
+        return 0
+
+    def _count(self, publisher: int, count: int, *_: int) -> int:
+        ctypes.cast(count, ctypes.POINTER(ctypes.c_int64))[0] = int(publisher in self.listened)
+        return 0
+
+
+def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, Answering, int]:
+    """The same through the compiled call, and how many samples went straight."""
+    answering, middleware, gone = Answering(scene), Middleware(stream, {2}), [0]
+    answering.wanted = lambda name: name == "~/state"
+
+    def answered(samples: int) -> None:
+        gone[0] += samples
+        stamp, before, begun = way.told[straight.STAMP : straight.STAMP + 3].tolist()
+        answering.went_on(stamp, before if begun else None, samples)
+
+    def receive(name: str, data: bytes) -> bool:
+        answer = answering.inputs[name].receive(data)
+        for k, message in enumerate(answer[1:] if answer is not None else ()):
+            if message is not None:
+                middleware.published.append((k, message))
+        return answer is not None
+
+    inputs = [
+        straight.Input(
+            SimpleNamespace(handle=SimpleNamespace(pointer=k)), k,
+            functools.partial(receive, name), Gaps(lambda count: pytest.fail(f"{count} lost")),
+        )
+        for k, name in enumerate(NAMES)
+    ]  # fmt: skip
+    publishers = [SimpleNamespace(pointer=k) for k in range(4)]
+    way = Straight(inputs, publishers, answering.parts, answered)
+    for at, function in zip(
+        (rcl.TAKE, rcl.PUBLISH, rcl.LISTENERS), middleware.functions, strict=True
+    ):
+        way._memory.addresses[at] = ctypes.cast(function, ctypes.c_void_p).value
+    while middleware.left:
+        if middleware.left[0][0] not in NAMES:
+            name, data = middleware.left.pop(0)
+            answering.inputs[name].receive(data)
+        way.take(lambda error: pytest.fail(str(error)))
+    answering.lane.give_back(answering._ordinary)
+    way._inbox = rcl.Inbox(0)  # whose bytes were ours
+    return middleware.published, answering, gone[0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_straight_way_publishes_what_the_ordinary_one_does(seed, monkeypatch):
+    stream = messages(random.Random(seed), 400)
+    scene = make(friction__coefficient=0.2, period=0.0 if seed == 4 else 0.001)
+    published, first, gone = serve_straight(scene, stream)
+    monkeypatch.setattr(Likeness, "of", classmethod(lambda *_: None))
+    found, second = serve(scene, stream)
+    assert gone > 50
+    assert [without_time(k, data) for k, data in published] == [
+        (k, data) for answer in found for k, data in enumerate(answer[1:4]) if data is not None
+    ]
+    assert first.matcher.counts == second.matcher.counts
+    assert first.matcher.received == second.matcher.received
+    np.testing.assert_array_equal(
+        np.delete(first.health.numbers, tally.WORST_TIME),
+        np.delete(second.health.numbers, tally.WORST_TIME),
+    )
+    np.testing.assert_array_equal(first.matcher.sample, second.matcher.sample)
+    np.testing.assert_array_equal(first.connector.memory, second.connector.memory)
 
 
 def test_samples_that_are_alike_take_it(monkeypatch):
