@@ -14,7 +14,8 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 
 from cylconn_ros.connector.scene import Scene
-from cylconn_ros.ros.answering import Answer, Answering
+from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.ros.answering import OUTPUTS, Answer, Answering
 from cylconn_ros.ros.diagnostics import Links, Monitor
 from cylconn_ros.ros.diagnostics_writer import Part
 from cylconn_ros.ros.express import straight
@@ -25,7 +26,7 @@ from cylconn_ros.ros.names import said
 from cylconn_ros.ros.recording import Recorder, now
 from cylconn_ros.ros.silence import News, Silence
 from cylconn_ros.ros.together import Together
-from cylconn_ros.ros.topics import Topics
+from cylconn_ros.ros.topics import Topics, is_seldom
 from cylconn_ros.ros.waiting import Waiting
 
 
@@ -102,8 +103,17 @@ class Served:
 
     def _take_straight(self, caught: Callable[[Exception], object]) -> int | None:
         assert self._straight is not None
-        self._straight.open = not self._recorder.running
+        writer = self._recorder.writer
+        if writer is not self._straight.writer:
+            self._straight.record(writer, [] if writer is None else self._channels(writer))
         return self._straight.take(caught)
+
+    def _channels(self, writer: RunWriter) -> list[int]:
+        """Where the messages of the straight way are recorded: inputs, then answers."""
+        assert self.answering is not None
+        inputs = [name for name in self.answering.inputs if not is_seldom(name)]
+        names = [*inputs, *(name for name, _ in OUTPUTS)]
+        return [writer.channels[self.topics.resolved(name)] for name in names]
 
     def _went_straight(self, samples: int) -> None:
         """Take note of samples that were answered and published."""

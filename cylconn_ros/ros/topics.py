@@ -25,7 +25,11 @@ from cylconn_ros.ros.message_types import message_class
 
 Receiver = Callable[[str, str], Receive]
 """Gives, for an input's name and its topic, what takes the messages."""
-_SELDOM = ("load", "command")
+
+
+def is_seldom(name: str) -> bool:
+    """Whether messages of an input complete no sample."""
+    return name.endswith(("load", "command"))
 
 
 class Topics:
@@ -108,8 +112,8 @@ class Topics:
                 **qos.reading(functools.partial(self._incompatible, topic)),
             )
             self._names[name] = (topic, wanted.type, profile)
-            seldom = name.endswith(_SELDOM)
-            entries.append(Entry(self._subscriptions[name], receive, self._lost, seldom))
+            made = self._subscriptions[name]
+            entries.append(Entry(made, receive, self._lost, is_seldom(name)))
         return entries
 
     def close_inputs(self) -> None:

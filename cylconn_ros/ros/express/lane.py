@@ -28,7 +28,7 @@ FIRST: Final = 4
 """Where a message begins in its row, in bytes: its numbers are then aligned."""
 ROW: Final = 512
 """Bytes of a row."""
-MOST: Final = ROW - FIRST
+MOST_BYTES: Final = ROW - FIRST
 """Bytes of a message at most."""
 _NUMBERS: Final = ROW // 8
 _WORDS: Final = ROW // 4
@@ -65,7 +65,7 @@ class Likeness(NamedTuple):
         """The likeness of a message that ends in ``numbers`` doubles; None where it has none."""
         at = len(data) - 8 * numbers
         alike = _POSSIBLE and data[:4] == _LITTLE and at >= 12 and (at - 4) % 8 == 0
-        return cls(len(data), at, data[12:at]) if alike and len(data) <= MOST else None
+        return cls(len(data), at, data[12:at]) if alike and len(data) <= MOST_BYTES else None
 
 
 @jit
@@ -160,14 +160,11 @@ class Lane:
             at = stream * ROW + FIRST
             self.model[at : at + len(data)] = np.frombuffer(data, np.uint8)
 
-    def follow(self, open_: bool = True) -> None:
-        """Take over where the matcher is, after whatever it may have taken.
-
-        ``open_``: whether messages may take this lane where the matcher has nothing against it.
-        """
+    def follow(self) -> None:
+        """Take over where the matcher is, after whatever it may have taken."""
         matcher, state = self.matcher, self.state
         last = matcher.last_stamp
-        state[OPEN] = open_ and not matcher.waiting
+        state[OPEN] = not matcher.waiting
         state[BEGUN] = last is not None
         state[LAST] = last or 0
 

@@ -26,7 +26,9 @@ _FLAGS: Final = 8
 _POSITION: Final = 9
 _VELOCITY: Final = 10
 _EFFORT: Final = 11
-_PLACES: Final = 12
+BEGIN: Final = 12  # where each message begins, in bytes
+SIZE: Final = BEGIN + COUNT  # and its size
+_PLACES: Final = SIZE + COUNT
 
 _SMALL_NUMBERS: Final = (layout.REGIME, layout.STOP, layout.LOCK, layout.STATUS)
 
@@ -70,7 +72,8 @@ class Letters:
     Attributes
     ----------
         places, numbers, words, small: as :func:`write` has them.
-        begins, sizes: (COUNT,) where each message begins in ``small``, and its bytes.
+        begins, sizes: (COUNT,) where each message begins in ``small``, and its bytes; in places,
+            too.
     """
 
     def __init__(self, blanks: Sequence[bytes], blocks: Sequence[Sequence[int]]) -> None:
@@ -95,7 +98,8 @@ class Letters:
         self.places[_STAMP : _STAMP + COUNT] = (self.begins + 4) // 4
         self.places[[_WRENCH_A, _WRENCH_B, _STATE]] = np.array((a[0], b[0], state[0])) // 8
         self.places[[_SMALL, _FLAGS]] = state[1], (state[1] + 4) // 4
-        self.places[_POSITION:_PLACES] = np.array(joints) // 8
+        self.places[[_POSITION, _VELOCITY, _EFFORT]] = np.array(joints) // 8
+        self.places[BEGIN:_PLACES] = *self.begins, *self.sizes
         self._bytes: memoryview = self.small.data
         self._cuts = [
             slice(begin, begin + size)

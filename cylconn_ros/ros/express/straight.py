@@ -15,15 +15,17 @@ import numpy as np
 from cylconn_ros.connector import series
 from cylconn_ros.core import layout
 from cylconn_ros.core.compiled import COMPILED, call, entry, jit
+from cylconn_ros.recording.put import put
+from cylconn_ros.recording.tray import Tray
+from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.ros.express import lane, rcl
-from cylconn_ros.ros.express.lane import COMPLETE, FIRST, NOT_ALIKE, ROW, Lane
-from cylconn_ros.ros.express.letters import COUNT, Letters, write
+from cylconn_ros.ros.express.lane import COMPLETE, FIRST, MOST_BYTES, NOT_ALIKE, ROW, Lane
+from cylconn_ros.ros.express.letters import BEGIN, COUNT, SIZE, Letters, write
 from cylconn_ros.ros.express.tally import note
 from cylconn_ros.ros.gaps import Gaps
 
-_MONOTONIC: Final = 1  # the number of that clock
+_REAL, _MONOTONIC = 0, 1  # the numbers of those clocks
 _WRENCHES: Final = 2  # the messages of an answer that are always published
-_TAIL: Final = ROW - FIRST
 
 # What a call tells, and is told.
 ODD: Final = 0  # number of the input whose message is odd; -1: none is
@@ -34,27 +36,36 @@ BEGUN: Final = 4  # whether there was one
 UNSENT: Final = 5  # messages that could not be published
 WANTED: Final = 6  # bits of the messages that are made whether anybody listens or not
 NEXT: Final = 7  # number of the input to begin with; the one behind the odd message
-NTOLD: Final = 8
+MOST: Final = 8  # samples that may be answered in the call
+RECORDING: Final = 9  # whether messages are recorded
+NTOLD: Final = 10
+_ALL = 1 << 30
+_NO_TRAY = Tray(0, np.zeros((2, 1), np.int64)).arrays
+_AT_ONCE = 4  # samples, while recording
 
 
 @jit
-def _now(addresses: Any, numbers: Any) -> float:
+def _now(addresses: Any, clock: Any) -> float:
     """Seconds on the steady clock."""
     call(addresses[rcl.CLOCK], _MONOTONIC, addresses[rcl.NUMBERS], 0, 0)
-    return numbers[0] + 1e-9 * numbers[1]
+    return clock[0] + 1e-9 * clock[1]
 
 
 @jit
-def _publish(addresses: Any, numbers: Any, publishers: Any, outbox: Any, told: Any) -> None:
-    """Publish the wrenches, and of the rest what is wanted or somebody listens to."""
-    for k in range(COUNT):
-        if k >= _WRENCHES and not told[WANTED] >> k & 1:
-            numbers[0] = 0
-            call(addresses[rcl.LISTENERS], publishers[k], addresses[rcl.NUMBERS], 0, 0)
-            if numbers[0] == 0:
-                continue
-        if call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0) != 0:
-            told[UNSENT] += 1
+def _time_of_day(addresses: Any, clock: Any) -> int:
+    """Nanoseconds since the epoch."""
+    call(addresses[rcl.CLOCK], _REAL, addresses[rcl.NUMBERS], 0, 0)
+    return clock[0] * 1_000_000_000 + clock[1]
+
+
+@jit
+def _is_wanted(k: int, addresses: Any, clock: Any, publishers: Any, told: Any) -> bool:
+    """Whether message ``k`` of an answer is: a wrench always, the rest where somebody listens."""
+    if k < _WRENCHES or told[WANTED] >> k & 1:
+        return True
+    clock[0] = 0
+    call(addresses[rcl.LISTENERS], publishers[k], addresses[rcl.NUMBERS], 0, 0)
+    return clock[0] != 0
 
 
 @entry
@@ -65,6 +76,7 @@ def _serve(
     loads: Any, axes: Any, sample: Any,
     method: int, par: Any, mem: Any, period: float, out: Any, tally: Any,
     places: Any, letters: Any, letter_words: Any, small: Any, publishers: Any, outbox: Any,
+    records: Any, entries: Any, used: Any, counts: Any, channels: Any,
 ) -> int:  # fmt: skip
     """Serve what has come; the samples that were answered.
 
@@ -77,13 +89,15 @@ def _serve(
         method, par, mem, period: of a ``Connector``. out, tally: of an ``Answering``.
         places, letters, letter_words, small: of ``Letters``. publishers, outbox: (COUNT,)
             addresses.
+        records, entries, used, counts: of a ``Tray``. channels: (n + COUNT,) of the inputs and of
+            the messages of an answer.
     """
-    answered = 0
+    answered, count, recording = 0, len(subscriptions), told[RECORDING] != 0
     told[ODD] = told[LAST] = -1
-    while True:
+    while answered < told[MOST]:
         first, came = told[NEXT], 0
         told[NEXT] = 0
-        for j in range(first, len(subscriptions)):
+        for j in range(first, count):
             taking = addresses[rcl.TAKE]
             if call(taking, subscriptions[j], inbox[j], addresses[rcl.INFO], 0) != 0:
                 if answered > 0 and j == 0:
@@ -92,18 +106,21 @@ def _serve(
             came += 1
             stream = streams[j]
             size = boxes[rcl.MESSAGE * j + rcl.LENGTH]
-            fits = size <= _TAIL and not held[lane.HELD] >> stream & 1
-            if info[rcl.SEQUENCE] != expected[j] or not fits:
+            fits = size <= MOST_BYTES and not held[lane.HELD] >> stream & 1
+            begin = stream * ROW + FIRST
+            taken = NOT_ALIKE
+            if info[rcl.SEQUENCE] == expected[j] and fits:
+                of = boxes[rcl.MESSAGE * j + rcl.BYTES]
+                call(addresses[rcl.COPY], row_address + begin, of, size, 0)
+                taken = lane.take(stream, size, held, like, model, row, words)
+            if taken == NOT_ALIKE:
                 told[ODD], told[NEXT] = j, j + 1
                 return answered
             expected[j] += 1
-            to = row_address + stream * ROW + FIRST
-            call(addresses[rcl.COPY], to, boxes[rcl.MESSAGE * j + rcl.BYTES], size, 0)
-            taken = lane.take(stream, size, held, like, model, row, words)
-            if taken == NOT_ALIKE:
-                expected[j] -= 1  # not yet counted
-                told[ODD], told[NEXT] = j, j + 1
-                return answered
+            if recording:
+                now = _time_of_day(addresses, clock)
+                data = row[begin : begin + size]
+                put(records, entries, used, counts, channels[j], now, now, data, size)
             if taken != COMPLETE:
                 continue
             began = _now(addresses, clock)
@@ -113,7 +130,15 @@ def _serve(
             series.answer(method, par, mem, sample, h, period, out)
             out[layout.COMPUTING_TIME] = _now(addresses, clock) - began
             write(stamp, out, places, letters, letter_words, small)
-            _publish(addresses, clock, publishers, outbox, told)
+            now = _time_of_day(addresses, clock) if recording else 0
+            for k in range(COUNT):
+                if _is_wanted(k, addresses, clock, publishers, told):
+                    if call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0) != 0:
+                        told[UNSENT] += 1
+                    if recording:
+                        begin, size = places[BEGIN + k], places[SIZE + k]
+                        data, to = small[begin : begin + size], channels[count + k]
+                        put(records, entries, used, counts, to, now, now, data, size)
             note(tally, out, h, period)
             told[BEGUN], told[BEFORE], told[STAMP] = held[lane.BEGUN], held[lane.LAST], stamp
             held[lane.BEGUN], held[lane.LAST] = 1, stamp
@@ -121,6 +146,7 @@ def _serve(
             answered += 1
         if first == 0 and (came == 0 or held[lane.HELD]):
             return answered
+    return answered
 
 
 def missing() -> str:
@@ -157,8 +183,8 @@ class Straight:
 
     Attributes
     ----------
-        told: (NTOLD,) what the last call told; WANTED is the caller's.
-        open: whether samples may go straight; otherwise all messages are odd.
+        told: (NTOLD,) what the last call told.
+        writer: what records, or None.
     """
 
     def __init__(
@@ -172,7 +198,7 @@ class Straight:
 
         ``answered`` is told how many samples were, when :attr:`told` says which.
         """
-        self.open, self._answered = True, answered
+        self._answered = answered
         self._inputs = list(inputs)
         self._memory = rcl.Memory()
         self._inbox = rcl.Inbox(len(inputs))
@@ -186,6 +212,8 @@ class Straight:
             )
         )
         self._publishers = np.array([publisher.pointer for publisher in publishers], np.int64)
+        self._messages = _AT_ONCE * (len(inputs) + COUNT)
+        self.record(None)
         self.use(parts)
 
     def use(self, parts: Parts) -> None:
@@ -195,6 +223,7 @@ class Straight:
         self._outbox = rcl.Outbox(
             (letters.small.ctypes.data + letters.begins).tolist(), letters.sizes.tolist()
         )
+        self._largest = max(MOST_BYTES, *letters.sizes.tolist())
         matcher, memory, inbox = held.matcher, self._memory, self._inbox
         self._arguments = (
             self.told, memory.addresses, memory.info, memory.numbers,
@@ -213,19 +242,40 @@ class Straight:
         """
         last = None
         while True:
-            self._lane.follow(self.open)
-            answered = _serve(*self._arguments)
+            self._lane.follow()
+            answered = self._serve()
             if answered:
                 last = int(self.told[LAST])
                 self._answered(answered)
             k = int(self.told[ODD])
             if k < 0:
-                return last
+                if answered < self.told[MOST]:
+                    return last
+                continue
             try:
                 if self._take_odd(k):
                     last = k
             except Exception as error:
                 caught(error)
+
+    def record(self, writer: RunWriter | None, channels: Sequence[int] = ()) -> None:
+        """Record from now on with ``writer``, or not.
+
+        ``channels``: in the file, of the inputs and of the messages of an answer.
+        """
+        self.writer = writer
+        recording = writer is not None
+        self.told[RECORDING], self.told[MOST] = recording, _AT_ONCE if recording else _ALL
+        self.told[WANTED] = (1 << COUNT) - 1 if recording else 0
+        self._channels = np.array(channels, np.int64)
+
+    def _serve(self) -> int:
+        writer = self.writer
+        if writer is None:
+            return _serve(*self._arguments, *_NO_TRAY, self._channels)
+        with writer.lock:
+            tray = writer.tray(self._messages, self._messages * self._largest)
+            return _serve(*self._arguments, *tray.arrays, self._channels)
 
     def _take_odd(self, k: int) -> bool:
         """Have the odd message served on the ordinary way; whether it completed a sample."""
