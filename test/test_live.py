@@ -307,7 +307,7 @@ def once(method):
         return method(*arguments)
     return faulty
 
-Answering._examine = once(Answering._examine)
+Answering.finish = once(Answering.finish)
 connector_node.ConnectorNode._look = once(connector_node.ConnectorNode._look)
 raise SystemExit(connector_node.main())
 """
@@ -321,6 +321,6 @@ def test_an_error_of_ours_stops_neither_the_node_nor_the_answers(peer, tmp_path)
         assert wrench_of(listener.answer(source, 2 * MS))[2] == pytest.approx(WEIGHT)
         peer.spin_until(lambda: listener.diagnostics)
         text = str(listener.diagnostics)
-        assert "computing failed: ArithmeticError: injected into _examine" in text
+        assert "computing failed: ArithmeticError: injected into finish" in text
         assert "injected into _look" in running.output
         assert running.stop() == 0

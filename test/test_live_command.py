@@ -125,7 +125,7 @@ def test_a_repeated_sample_gets_the_same_answer_whatever_was_commanded_since():
     loop = Loop(make())
     first = loop.sample()
     send(loop, "slide", effort=(4.0,))
-    assert loop.sample() is first
+    assert loop.sample() == first
 
 
 def test_a_command_holds_over_a_change_of_parameters_a_reset_and_a_restart():

@@ -25,7 +25,7 @@ from cylconn_ros.ros.cdr_writers import (
     StampedWriter,
     StateWriter,
 )
-from cylconn_ros.ros.express import tally
+from cylconn_ros.ros.express import lane, tally
 from cylconn_ros.ros.express.lane import Lane, Likeness
 from cylconn_ros.ros.express.letters import Letters
 from cylconn_ros.ros.express.straight import Parts
@@ -117,8 +117,7 @@ class Answering:
         """Serve ``scene``, taking over from ``previous`` if given (:meth:`take_over`)."""
         self.scene = scene
         self.connector = Connector(scene)
-        self.connector.step(ANY_SAMPLE, 1e-3)  # compiled now, not while a sample waits
-        self.connector.reset()
+        self._prepare()
         self.imposed = commands.in_scene(scene.command)
         self.held: dict[str, bytes] = {}
         self.matcher = SampleMatcher(scene)
@@ -146,10 +145,18 @@ class Answering:
                 self._joints.blocks,
             ],
         )
+        self.letters.write(0, self._out)  # compiled now
         self._answered: int | None = None  # the stamp of the last answer, which ``out`` holds
         self.continues = False
         if previous is not None:
             self.take_over(previous)
+
+    def _prepare(self) -> None:
+        """Have everything compiled now, not while a sample waits."""
+        self.connector.step(ANY_SAMPLE, 1e-3)
+        self.connector.reset()
+        lane.prepare(self.scene)
+        tally.note_one(np.zeros(tally.NTALLY), np.zeros(layout.NOUT), 0.0, 0.0)
 
     def take_over(self, previous: Answering) -> None:
         """Take the counts of ``previous``, which is not to be used again, and what it has in force.

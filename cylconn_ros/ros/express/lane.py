@@ -17,6 +17,7 @@ import numpy as np
 
 from cylconn_ros.connector.axes import hold_load
 from cylconn_ros.connector.matching import PLACES, Matched, SampleMatcher
+from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core.compiled import entry, jit
 
 _LITTLE = b"\x00\x01\x00\x00"
@@ -183,8 +184,12 @@ class Lane:
         found = _take(stream, size, self.state, self.like, self.model, self.row, self.words)
         if found != COMPLETE:
             return found == KEPT
+        return self.complete(int(self.state[STAMP]))
+
+    def complete(self, stamp: int) -> Matched:
+        """Hand what is held to the matcher as the sample at ``stamp``."""
         matcher = self.matcher
-        matched = matcher.straight(int(self.state[STAMP]))
+        matched = matcher.straight(stamp)
         _fill(
             self.state, self.like, self.numbers, matcher.load_numbers, matcher.load_axes,
             matcher.sample,
@@ -209,3 +214,10 @@ class Lane:
         self.state[HELD] = 0
         for stream, data in held:
             ordinary(stream, data)
+
+
+def prepare(scene: Scene) -> None:
+    """Have everything compiled now, not while a sample waits."""
+    lane = Lane(SampleMatcher(scene))
+    lane.complete(0)
+    _take(0, 0, lane.state, lane.like, lane.model, lane.row, lane.words)
