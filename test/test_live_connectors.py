@@ -1,5 +1,8 @@
 """Several connectors of one process: each its own numbers, in one run, reported one by one."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +26,7 @@ from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.reader import read_run
 
+CONFIG = Path(__file__).parents[1] / "config"
 STEPS = 200
 SCENE = """
 /**:
@@ -141,6 +145,40 @@ def test_more_than_have_room_in_one_report_are_reported_on_in_turns(tmp_path):
     assert sum("connector/c22: samples" in one for one in told[-8:]) == 1
     every = {f"connector/{name}: {part}" for name in names for part in ("samples", "topics")}
     assert {name for one in told for name in one} >= every
+
+
+def test_the_profile_for_many_messages_is_read_and_gives_room(tmp_path):
+    """Here on this machine only, and without shared memory, which the killed leave behind."""
+    text = (CONFIG / "fastdds_many.xml").read_text(encoding="utf-8")
+    kept, dropped = (
+        "<type>UDPv4</type>",
+        "<transport_id>memory_with_room</transport_id>\n          <",
+    )
+    assert text.count(kept) == text.count(dropped) == 1
+    own = "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>"
+    profile = tmp_path / "profile.xml"
+    profile.write_text(text.replace(kept, kept + own).replace(dropped, "<"), encoding="utf-8")
+    script = """
+import os, socket, rclpy
+rclpy.init()
+node = rclpy.create_node("receives")
+room = []
+for name in os.listdir("/proc/self/fd"):
+    try:
+        with socket.socket(fileno=os.dup(int(name))) as one:
+            if one.type == socket.SOCK_DGRAM:
+                room.append(one.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF))
+    except OSError:
+        pass
+print("room", max(room))
+"""
+    environment = {**os.environ, "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=60
+    )
+    most = int(Path("/proc/sys/net/core/rmem_max").read_text())
+    assert "XML" not in done.stdout + done.stderr
+    assert int(done.stdout.partition("room")[2]) >= min(most, 4 << 20), done.stderr
 
 
 def change(peer: Peer) -> None:

@@ -51,7 +51,7 @@ INSTALLED = [
     "share/cylconn_ros/environment/ament_prefix_path.sh",
     "include/cylconn_ros/cylconn_ros/msg/connector_state.hpp",
     *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("launch/*.py")),
-    *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("config/*.yaml")),
+    *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("config/*")),
     *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("dashboards/*")),
 ]
 SOURCES = [
