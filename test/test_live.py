@@ -98,6 +98,21 @@ def test_when_samples_stop_a_zero_wrench_goes_out_that_answers_nothing(connector
         assert "samples are back" in running.output
 
 
+BLIND = """
+from cylconn_ros.ros import connector_node, loop
+loop.Loop._looked = lambda self, now: now + 0.05
+raise SystemExit(connector_node.main())
+"""
+
+
+def test_the_executor_watches_the_timeout_should_the_loop_not_come_to_it(peer, tmp_path):
+    with program([sys.executable, "-c", BLIND, *parameters("timeout:=0.1")], tmp_path) as running:
+        listener, source = Listener(peer), Source(peer)
+        listener.answer(source, 5 * MS)
+        peer.spin_until(lambda: stamp_of(listener.b[-1]) == 5 * MS + 1, "the zero wrench")
+        assert running.stop() == 0
+
+
 def test_loads_are_balanced(connector, peer):
     with connector("wrench.axes:=world"):
         listener, source = Listener(peer), Source(peer)
