@@ -60,7 +60,7 @@ def measure(settings: Settings, environment: Mapping[str, str]) -> Findings:
 
     Raises RuntimeError where a process ends too early.
     """
-    rounds, seconds = (2, 0.5) if settings.quick else (7, 3.0)
+    rounds, seconds = (2, 0.5) if settings.quick else (5, 3.0)
     found = Findings()
     with _asking(environment, _FIXED, _NUMBERS) as ask:
         for problem, whole in ((_SAME, 0.0), (_SHARED, _ALL)):
