@@ -1,14 +1,17 @@
 """The short forms of `cylconn bench faults` and `cylconn bench soak`, with real processes."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
+from scenes import bundled
 from test_diagnostics import reported
 from test_live_answering import Loop, make
 
 from cylconn_ros.bench.faults import measure, sweep
 from cylconn_ros.bench.results import Findings, Target
+from cylconn_ros.bench.stability.channel import Channel, Faults, opening
 from cylconn_ros.cli import main
 from cylconn_ros.laws.recorded import _keys
 from cylconn_ros.ros.diagnostics import Links, Monitor
@@ -55,13 +58,38 @@ def outcome(**changes):
 )  # fmt: skip
 def test_what_is_not_bounded_is_a_missed_target(change):
     cells = {
-        ("2 late", "demo", sweep.TOLD): outcome(),
-        ("2 late", "coast", sweep.TOLD): outcome(**change),
+        ("2 late", "demo", sweep.TOLD, 7): outcome(),
+        ("2 late", "coast", sweep.TOLD, 7): outcome(**change),
+        ("2 late", "coast", sweep.TOLD, 1): outcome(**change),
     }
     found = measure._of_cells(cells)
     missed = [target for target in found.targets if target.met is False]
     assert [target.name for target in missed] == ["latency told: constraint or energy not bounded"]
-    assert missed[0].note == "of 2 runs: 2 late (coast)"
+    assert missed[0].note == "of 3 runs: 2 late (coast, 2 seeds)"
+
+
+@pytest.mark.parametrize("name", ["three_answers", "incline_stick", "coast"])
+@pytest.mark.parametrize("latency", [5, -1])
+def test_many_samples_late_at_uneven_periods(name, latency):
+    """Removing all of an error at once, five samples ahead, is not stable where periods differ."""
+    prompt = sweep.Prompt(dataclasses.replace(bundled(name), method="auto"))
+    for seed in (1, 2):
+        found = sweep.outcome(prompt, Faults(late=5, jitter=0.3, seed=seed), latency)
+        assert found.bounded
+        assert found.passive
+
+
+def test_when_the_first_answer_acts_and_for_how_long():
+    assert opening(Faults(), 20) == (0, 1)
+    assert opening(Faults(late=3), 20) == (3, 1)
+    way = Channel(Faults(drop=0.4, seed=5), [])
+    got = []
+    for k in range(20):
+        if way.deliver(k, k, np.zeros(38)):
+            got.append(k)
+        way.stretch()
+    assert opening(Faults(drop=0.4, seed=5), 20) == (got[0], int(np.diff(got).max()))
+    assert np.diff(got).max() > 1
 
 
 def test_a_row_that_is_not_as_expected_is_a_missed_target():

@@ -30,6 +30,7 @@ from cylconn_ros.core.vectors import add, add_scaled, dot, normalised, scale, su
 
 KEPT = 0.9  # of the misfit of earlier samples: some ten count
 BETTER = 0.25  # misfit, over that of the latency in use, which makes another one take over
+UNEVENNESS = 5.0  # times the share by which a period is off: from a fifth on it counts in full
 LEAST_MISFIT = 1e-18  # of a force over the weight of its history, squared: below it is rounding
 
 
@@ -44,6 +45,14 @@ def periods_late(par: Array, mem: Array) -> int:
     """How many periods after its sample a wrench acts: given, or measured so far."""
     given = int(par[model.LATENCY])
     return given if given >= 0 else int(mem[model.LATE])
+
+
+@inline
+def share_removed(par: Array, mem: Array) -> float:
+    """Of an error of position, what one wrench is to remove."""
+    if not is_late(par):
+        return 1.0
+    return 1.0 / (1.0 + periods_late(par, mem) * mem[model.UNEVEN])
 
 
 @inline
@@ -77,8 +86,12 @@ def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None
         for k in range(4):
             here[at + 3 + k] = q[k]
     mem[model.JUMPED] = 0.0
-    if mem[model.STARTED] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
+    if mem[model.STARTED] == 0.0:
+        mem[model.UNEVEN] = 1.0
+    elif mem[model.LAST_PERIOD] > 0.0:
         dt = mem[model.LAST_PERIOD] / gone
+        off = min(UNEVENNESS * abs(mem[model.LAST_PERIOD] / h - 1.0), 1.0)
+        mem[model.UNEVEN] = max(KEPT * mem[model.UNEVEN], off)
         if par[model.LATENCY] < 0.0:
             _measure(par, mem, here, body_a, body_b, gone, dt)
         work_a, jump_a = _work(par, mem, here, body_a, 0, gone, dt)
@@ -147,7 +160,7 @@ def _measure(
             best, least = d, misfit
     now = mem[model.MISFIT + int(mem[model.LATE])]
     if least < BETTER * now and now > LEAST_MISFIT * greatest:
-        mem[model.LATE] = best
+        mem[model.LATE], mem[model.UNEVEN] = best, 1.0
         release(mem)
 
 

@@ -17,6 +17,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import model
+from cylconn_ros.core.ahead import share_removed
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array
 
@@ -67,11 +68,13 @@ def _impacts(gap: float, w: float, h: float, explicit: bool) -> bool:
 
 
 @inline
-def _held_rate(par: Array, x: float, w: float, at: float, rate: float, h: float, k: int) -> float:
+def _held_rate(
+    par: Array, mem: Array, x: float, w: float, at: float, rate: float, h: float, k: int
+) -> float:
     """The rate that brings x onto a bilateral target moving with ``rate``."""
     explicit = model.output(par).semi_implicit
     pull = max(par[model.PULL_IN + k], 1.5 * abs(w - rate))  # what brings it to rest is no pull-in
-    back = min(max((at - x) / h, -pull), pull)
+    back = min(max(share_removed(par, mem) * (at - x) / h, -pull), pull)
     return rate + back - (0.0 if explicit else 0.5 * (w - rate))
 
 
@@ -81,13 +84,13 @@ def bounds(
 ) -> Bounds:
     """Bounds of component k (0 slide, 1 spin) at position x and rate w, restitution eps."""
     if locked:
-        rate = _held_rate(par, x, w, mem[model.LOCKED_AT], 0.0, h, k)
+        rate = _held_rate(par, mem, x, w, mem[model.LOCKED_AT], 0.0, h, k)
         return Bounds(rate, rate, 0)
     command = model.COMMAND + 3 * k
     rate = par[command + 1]
     if not math.isnan(par[command]):
         at = mem[model.IMPOSED_AT + k]
-        rate = _held_rate(par, x, w, at, model.given(rate, 0.0), h, k)
+        rate = _held_rate(par, mem, x, w, at, model.given(rate, 0.0), h, k)
         return Bounds(rate, rate, 0)
     if not math.isnan(rate):
         return Bounds(rate, rate, 0)

@@ -87,7 +87,8 @@ HELD_LOADS: Final = 305  # 2 x 6, the last sample's loads about the mass centres
 SWING: Final = 317  # the held swing S as a quaternion, 4
 JUMPED: Final = 321  # whether a body is where its last motion does not lead
 SHIFT: Final = 322  # 2: length and angle by which, in the sample where it is
-NMEM: Final = 324
+UNEVEN: Final = 324  # how uneven samples have come of late, 0 to 1
+NMEM: Final = 325
 
 
 class Output(NamedTuple):

@@ -32,6 +32,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
+from cylconn_ros.core.ahead import share_removed
 from cylconn_ros.core.answer import write_wrenches
 from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
 from cylconn_ros.core.compiled import inline, jit
@@ -152,7 +153,7 @@ def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float, alone: 
     wf = relative_twist(f, free_a.end, free_b.end)
     coarse = explicit or min(norm(o.a.spin), norm(o.b.spin)) * h > MOST_TURNS
     turning = _turning(o.nodes, f, o, h, coarse)
-    target, far = _target(par, o, turning, h, coarse)
+    target, far = _target(par, o, turning, h, coarse, share_removed(par, mem))
     reduced = eliminated(g, wf, turning, target, h)
     if alone and TURNS < turn < MOST_TURNS and not explicit and not model.output(par).held_in_body:
         turning, target, reduced, far = _foreseen(
@@ -183,6 +184,7 @@ def _foreseen(
             (v[0] - v1, v[1] - target[0], v[2] - target[1]),
             (w[0] - w1, w[1] - target[2], w[2] - target[3]),
         )
+        e = scaled(e, share_removed(par, mem))
         y, z, far_offset = pulled(GAIN * e[0], GAIN * e[1], h, limits[0])
         p2, p3, far_angle = pulled(GAIN * e[2], GAIN * e[3], h, limits[1])
         target = (
@@ -249,9 +251,14 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, coarse: bool) -> Twi
 
 
 @inline
-def _target(par: Array, o: Observed, turning: Twist, h: float, coarse: bool) -> tuple[Four, bool]:
-    """target_c, and whether an error is being pulled in at its bounded speed."""
-    e, w = o.error, o.twist
+def _target(
+    par: Array, o: Observed, turning: Twist, h: float, coarse: bool, share: float
+) -> tuple[Four, bool]:
+    """target_c, and whether an error is being pulled in at its bounded speed.
+
+    ``share``: of the error, what is to be removed.
+    """
+    e, w = scaled(o.error, share), o.twist
     limits = _limits(par, o, h)
     y, z, far_offset = pulled(e[0], e[1], h, limits[0])
     p2, p3, far_angle = pulled(e[2], e[3], h, limits[1])
@@ -263,6 +270,12 @@ def _target(par: Array, o: Observed, turning: Twist, h: float, coarse: bool) -> 
         p3 - keep * w.w[2] - turning.w[2],
     )
     return target, far_offset or far_angle
+
+
+@inline
+def scaled(e: Four, share: float) -> Four:
+    """``share`` of an error."""
+    return (share * e[0], share * e[1], share * e[2], share * e[3])
 
 
 @inline

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
+from cylconn_ros.core.ahead import share_removed
 from cylconn_ros.core.bounds import Bounds, Held, Two, hold
 from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.curve import disc_problem, reaction
@@ -247,9 +248,9 @@ def _friction(
     if was_stick:  # the place that stick holds is a constraint's target too
         if mem[model.STUCK] == 1.0:
             mem[model.HELD_LENGTH], mem[model.HELD_ANGLE] = o.length, o.angle
-        keep = 0.0 if explicit else 0.5
-        back = (o.length - mem[model.HELD_LENGTH]) / h + keep * v1
-        turn = (o.angle - mem[model.HELD_ANGLE]) / h + keep * w1
+        keep, share = 0.0 if explicit else 0.5, share_removed(par, mem)
+        back = share * (o.length - mem[model.HELD_LENGTH]) / h + keep * v1
+        turn = share * (o.angle - mem[model.HELD_ANGLE]) / h + keep * w1
         s_free = (s_free[0] + back, s_free[1] + radius * turn)
     # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
     e1, er = sp.e

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -76,29 +77,38 @@ def _of_cells(cells: Mapping[Cell, Outcome]) -> Findings:
             ("constraint or energy not bounded", [c for c, o in group.items() if not o.bounded]),
             ("passivity beyond its bound", [c for c, o in group.items() if not o.passive]),
         ):
-            which = ", ".join(dict.fromkeys(f"{fault} ({scene})" for fault, scene, _ in off))
+            which = ", ".join(_counted(off))
             note = f"of {len(group)} runs" + (f": {which}" if which else "")
             found.targets.append(Target(f"latency {told}: {name}", len(off), 0.0, "", note))
-    for fault, told in dict.fromkeys((fault, told) for fault, _, told in cells):
+    for fault, told in dict.fromkeys((fault, told) for fault, _, told, _ in cells):
         group = {cell: o for cell, o in cells.items() if (cell[0], cell[2]) == (fault, told)}
         found.measurements += _summed(fault, told, group)
-    for (fault, scene, told), o in cells.items():
+    for (fault, scene, told, seed), o in cells.items():
         for quantity in ("offset", "angle", "energy", "end", "passivity"):
             found.measurements.append(
                 Measurement(
                     f"{LIBRARY_RUNS}, one by one", f"{scene}: {fault}", quantity,
                     getattr(o, quantity), {"offset": "m", "angle": "rad"}.get(quantity, "1"),
-                    settings={"latency": told},
+                    settings={"latency": told, "seed": seed},
                 )
             )  # fmt: skip
     return found
+
+
+def _counted(off: Sequence[Cell]) -> list[str]:
+    """Fault and scene of runs, and of how many seeds where there are several."""
+    count = Counter((fault, scene) for fault, scene, _, _ in off)
+    return [
+        f"{fault} ({scene}" + (f", {n} seeds)" if n > 1 else ")")
+        for (fault, scene), n in count.items()
+    ]
 
 
 def _summed(fault: str, told: str, group: Mapping[Cell, Outcome]) -> Iterator[Measurement]:
     """How many scenes are fine, and the worst of each kind."""
     outcomes = list(group.values())
     numbers = {
-        "scenes": (len(outcomes), ""),
+        "runs": (len(outcomes), ""),
         "finite": (sum(o.finite for o in outcomes), ""),
         "bounded": (sum(o.bounded for o in outcomes), ""),
         "passive": (sum(o.passive for o in outcomes), ""),

@@ -33,7 +33,7 @@ def processes(found: Findings) -> str:
 
 
 def library(found: Findings) -> str:
-    """A row a fault: scenes that stay bounded with the latency told, measured, not told."""
+    """A row a fault: runs that stay bounded with the latency told, measured, not told."""
     values: dict[str, dict[tuple[str, str], tuple[float, str]]] = {}
     for m in found.measurements:
         if m.problem == measure.LIBRARY_RUNS:
@@ -53,10 +53,10 @@ def _cells(cells: dict[tuple[str, str], tuple[float, str]]) -> list[str]:
         names = ["bounded", "offset", "angle", "energy", "passive"]
         if told == sweep.NOT_TOLD:
             names.remove("passive")
-        if (told, "scenes") not in cells:
+        if (told, "runs") not in cells:
             row += [""] * len(names)
             continue
-        of = cells[told, "scenes"][0]
+        of = cells[told, "runs"][0]
         for name in names:
             value, unit = cells[told, name]
             if name in ("bounded", "passive"):

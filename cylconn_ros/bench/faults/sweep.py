@@ -16,7 +16,7 @@ import numpy as np
 
 from cylconn_ros.bench.settings import SceneLoader
 from cylconn_ros.bench.stability import judge
-from cylconn_ros.bench.stability.channel import Faults
+from cylconn_ros.bench.stability.channel import Faults, opening
 from cylconn_ros.bench.stability.contestants import Ours
 from cylconn_ros.bench.stability.loop import Trace, closed, loads_of
 from cylconn_ros.bench.stability.scenes import lasting
@@ -28,6 +28,7 @@ from cylconn_ros.core import layout, plant
 TOLD, MEASURED, NOT_TOLD = "told", "measured", "not told"
 LATE = (1, 2, 3, 4, 5)
 WITH = 2  # samples late, where something else is wrong as well
+WITH_CHANCE = 5  # and where that comes by chance
 _ONE_BY_ONE = {
     "10 % lost": Faults(drop=0.1),
     "30 % jitter": Faults(jitter=0.3),
@@ -42,6 +43,8 @@ _STEPS = (120, 1000)  # of a run, at least and at most
 BOUND = 0.01  # of the energy exchanged, that the passivity account may gain
 MOST, LEFT = 1.0, 0.05  # of what the scene has, that energy may exceed at most, and at the end
 ROUNDING = 1e-4  # of what the scene has, that its account may be off
+OPENING = 20  # samples, in which what was not held is brought back
+SEEDS = (7, 1, 2, 3, 4)  # of faults that come by chance
 SETTLED = 2  # samples after the last at which a body is pulled in, until it rests
 _ACROSS = [*range(layout.VELOCITY + 1, layout.VELOCITY + 3),
            *range(layout.ANGULAR_VELOCITY + 1, layout.ANGULAR_VELOCITY + 3)]  # fmt: skip
@@ -99,7 +102,16 @@ def rows() -> list[Fault]:
         Fault(f"{WITH} late, {name}", dataclasses.replace(faults, late=WITH), _latencies(WITH))
         for name, faults in _ONE_BY_ONE.items()
     ]
-    return [*late, *alone, *both]
+    most = [
+        Fault(
+            f"{WITH_CHANCE} late, {name}",
+            dataclasses.replace(faults, late=WITH_CHANCE),
+            _latencies(WITH_CHANCE),
+        )
+        for name, faults in _ONE_BY_ONE.items()
+        if faults.by_chance
+    ]
+    return [*late, *alone, *both, *most]
 
 
 def _latencies(late: int) -> dict[str, int]:
@@ -200,7 +212,7 @@ class Prompt:
     def unheld(self, late: int, held: int) -> float:
         """Energy that the bodies take up while no wrench acts, and in being brought back, J.
 
-        Their fall in ``late`` periods is brought back within one, by a wrench that acts ``held``.
+        Their fall in ``late`` periods is brought back by a wrench for one that acts for ``held``.
         """
         state = _start(self.scene)
         first, begin = state.copy(), plant.energy(self._par, state)
@@ -244,9 +256,9 @@ def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> O
     scene = prompt.scene
     offset, angle = judge.errors(scene, judge.look(scene, trace.states))
     counts, stretches = judge.settled(scene, trace, offset, angle)
-    held = 2 if faults.drop or faults.reorder else 1
-    energy, fall = prompt.energies(trace.states), prompt.unheld(faults.late, held)
-    most, end = prompt.begun(faults.late)
+    first, held = opening(faults, OPENING)
+    energy, fall = prompt.energies(trace.states), prompt.unheld(first, held)
+    most, end = prompt.begun(first)
     scale = max(prompt.scale + fall, 1e-9)
     excess, put = -math.inf, 0.0
     for first, last in stretches:  # what somebody else has put in is nobody's gain here
@@ -263,8 +275,8 @@ def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> O
 
 
 Progress = Callable[[int, int], object]
-Cell = tuple[str, str, str]
-"""Name of a fault, of a scene, and how the latency was known."""
+Cell = tuple[str, str, str, int]
+"""Name of a fault, of a scene, how the latency was known, and the seed."""
 
 
 def run(
@@ -274,6 +286,10 @@ def run(
     for done, name in enumerate(names):
         prompt = Prompt(dataclasses.replace(load(name), method="auto", tolerance=0.0))
         for row in faults:
-            for told, latency in row.latencies.items():
-                yield (row.name, name, told), outcome(prompt, row.faults, latency)
+            for seed in SEEDS if row.faults.by_chance else SEEDS[:1]:
+                faults_now = dataclasses.replace(row.faults, seed=seed)
+                for told, latency in row.latencies.items():
+                    if told == NOT_TOLD and seed != SEEDS[0]:
+                        continue  # it diverges whatever the chance
+                    yield (row.name, name, told, seed), outcome(prompt, faults_now, latency)
         progress(done + 1, len(names))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class Faults:
         twist: by which share of itself the twist is reported too large.
         pause, jump, restart, teleport: each once, at half time.
         corrupt: NaN, infinity, "zero quaternion" or "denormal quaternion": each field once.
+        seed: of what comes by chance.
     """
 
     late: int = 0
@@ -53,11 +54,17 @@ class Faults:
     restart: bool = False
     teleport: bool = False
     corrupt: str = ""
+    seed: int = 7
 
     @property
     def any(self) -> bool:
         """Whether there is one."""
-        return self != Faults()
+        return replace(self, seed=NONE.seed) != NONE
+
+    @property
+    def by_chance(self) -> bool:
+        """Whether another seed would be another run."""
+        return max(self.jitter, self.drop, self.reorder) > 0.0
 
     @property
     def begins_anew(self) -> bool:
@@ -72,9 +79,9 @@ class Channel:
         fields: which fields of a sample are sent (those of moving bodies).
     """
 
-    def __init__(self, faults: Faults, fields: list[int], seed: int = 7) -> None:
+    def __init__(self, faults: Faults, fields: list[int]) -> None:
         self.faults = faults
-        self._chance = np.random.default_rng(seed)
+        self._chance = np.random.default_rng(faults.seed)
         self._waiting: list[Delivery] = []
         self._acting: deque[Array] = deque([np.zeros(12)] * faults.late)
         self._bad = _bad_fields(faults.corrupt, fields)
@@ -105,6 +112,19 @@ class Channel:
         """(12,) what acts on the bodies now that ``wrench`` is the newest answer."""
         self._acting.append(wrench.copy())
         return self._acting.popleft()
+
+
+def opening(faults: Faults, samples: int) -> tuple[int, int]:
+    """After how many periods the first answer acts, and how many one acts among the first."""
+    way, none = Channel(faults, []), np.zeros(layout.NSAMPLE)
+    came, newest = [], -1
+    for k in range(samples):
+        delivered = way.deliver(k, k, none)
+        way.stretch()
+        if delivered and delivered[0][0] > newest:
+            newest = delivered[0][0]
+            came.append(k)
+    return came[0] + faults.late, int(np.diff(came).max())
 
 
 def _bad_fields(kind: str, fields: list[int]) -> list[tuple[list[int], float]]:
