@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Chunk, MessageIndex
+from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from cylconn_ros.core.compiled import entry
@@ -163,6 +165,27 @@ def test_records_are_numbered_and_indexed_by_channel(
     with path.open("rb") as stream:  # by the index, in the order of time
         read = [m.log_time for _, _, m in make_reader(stream).iter_messages(topics=["/t1"])]
     assert read == sorted(times[1::2])
+
+
+def test_every_index_leads_to_its_messages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer_module, "_CHUNK", 1000)
+    with RunWriter(tmp_path / "run", TOPICS, {}, "none") as writer:
+        for k in range(60):
+            writer.write(f"/t{k * k % 3}", bytes(k), 1000 - k, k)
+    seen, chunk = 0, b""
+    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                chunk = record.data
+            elif isinstance(record, MessageIndex):
+                times = [log_time for log_time, _ in record.records]
+                assert times == sorted(times, reverse=True)  # as they came
+                for log_time, offset in record.records:
+                    head = struct.unpack_from("<BQHIQQ", chunk, offset)
+                    assert (head[0], head[2], head[4]) == (5, record.channel_id, log_time)
+                    assert head[1] == 22 + (1000 - log_time)
+                    seen += 1
+    assert seen == 60
 
 
 def test_many_at_once_are_what_they_are_one_by_one(
