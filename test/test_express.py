@@ -5,7 +5,9 @@ import functools
 import random
 import struct
 import sys
+from collections.abc import Sequence
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +18,10 @@ from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.ros import cdr
 from cylconn_ros.ros.answering import Answering
-from cylconn_ros.ros.cdr_writers import StampedWriter
+from cylconn_ros.ros.cdr_writers import OdometryWriter, StampedWriter
 from cylconn_ros.ros.express import rcl, straight, tally
-from cylconn_ros.ros.express.lane import Likeness
 from cylconn_ros.ros.express.straight import Straight
+from cylconn_ros.ros.forms import STREAM_OF, Forms
 from cylconn_ros.ros.gaps import Gaps
 
 NAMES = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
@@ -27,23 +29,35 @@ NAMES = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
 TIME = 8 * (layout.COMPUTING_TIME - layout.STATE0)
 
 
-def messages(rng: random.Random, count: int) -> list[tuple[str, bytes]]:
+ODOMETRIES = ("body_a/odom", "body_b/odom")
+
+
+def messages(
+    rng: random.Random, count: int, names: Sequence[str] = NAMES
+) -> list[tuple[str, bytes]]:
     """Messages of a motion, with all that can happen to them on their way."""
     found: list[tuple[str, bytes]] = []
     frames = {"pose": ["world"] * 30 + ["", "map"], "twist": ["world"] * 30 + ["", "body_b", "x"]}
+    children = ["body_b"] * 30 + ["world", "", "x"]
     stamp = 0
     for _ in range(count):
         stamp = max(0, stamp + rng.choice([MS] * 80 + [MS + 500, 0, -MS, -30 * MS]))
         sample = []
-        for name in rng.sample(NAMES, 4) if rng.random() < 0.2 else NAMES:
+        for name in rng.sample(names, len(names)) if rng.random() < 0.2 else names:
             kind = name.partition("/")[2]
-            values = np.array([rng.gauss(0.0, 0.01) for _ in range(7 if kind == "pose" else 6)])
-            if kind == "pose":
+            values = np.array([rng.gauss(0.0, 0.01) for _ in range(6 if kind == "twist" else 7)])
+            if kind != "twist":
                 values[6] = 1.0
-            frame = rng.choice(frames[kind])
-            data = StampedWriter(frame, len(values)).write(stamp, values)
+            frame = rng.choice(frames.get(kind, frames["pose"]))
+            if kind == "odom":
+                twist = np.array([rng.gauss(0.0, 0.01) for _ in range(6)])
+                writer = OdometryWriter(frame, rng.choice(children))
+                data = writer.write(stamp, values, twist)
+            else:
+                data = StampedWriter(frame, len(values)).write(stamp, values)
             if rng.random() < 0.02:
-                data = rng.choice([data[:-3], data + b"\0\0", b"", big_endian(data)])
+                other = big_endian(data) if kind != "odom" else data[:40]
+                data = rng.choice([data[:-3], data + b"\0\0", b"", other])
             sample += [(name, data)] * rng.choice([1] * 40 + [0, 2])
         if rng.random() < 0.05:
             load = StampedWriter(rng.choice(["world", "body_b"])).write(stamp, np.ones(6))
@@ -84,12 +98,21 @@ def without_time(k: int, data: bytes) -> tuple[int, bytes]:
     return k, data[: block + TIME] + data[block + TIME + 8 :]
 
 
-@pytest.mark.parametrize("seed", range(6))
+def motion(seed: int, **changes: Any) -> tuple[Scene, tuple[str, ...]]:
+    """A scene, with odometry for some seeds, and the names of its inputs."""
+    odometry = seed % 3 == 2
+    scene = make(
+        friction__coefficient=0.2, input="odometry" if odometry else "pose_twist", **changes
+    )
+    return scene, ODOMETRIES if odometry else NAMES
+
+
+@pytest.mark.parametrize("seed", range(9))
 def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
-    stream = messages(random.Random(seed), 400)
-    scene = make(friction__coefficient=0.2, stamp_tolerance=1e-6 if seed == 5 else 0.0)
+    scene, names = motion(seed, stamp_tolerance=1e-6 if seed > 6 else 0.0)
+    stream = messages(random.Random(seed), 400, names)
     by_express, first = serve(scene, stream)
-    monkeypatch.setattr(Likeness, "of", classmethod(lambda *_: None))
+    monkeypatch.setattr(Forms, "of", lambda *_: None)
     ordinarily, second = serve(scene, stream)
     assert len(by_express) > 100
     assert by_express == ordinarily
@@ -103,16 +126,18 @@ def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
 class Middleware:
     """Give messages in their order and keep what is published, called by address as rcl is."""
 
-    def __init__(self, stream: list[tuple[str, bytes]], listened: set[int]) -> None:
-        self.left, self.listened = list(stream), listened
+    def __init__(
+        self, stream: list[tuple[str, bytes]], names: Sequence[str], listened: set[int]
+    ) -> None:
+        self.left, self.names, self.listened = list(stream), names, listened
         self.published: list[tuple[int, bytes]] = []
-        self.sent = dict.fromkeys(NAMES, 0)
+        self.sent = dict.fromkeys(names, 0)
         self._buffers: list[ctypes.Array] = []
         kind = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_int64] * 4)
         self.functions = [kind(f) for f in (self._take, self._publish, self._count)]
 
     def _take(self, subscription: int, message: int, info: int, _: int) -> int:
-        if not self.left or self.left[0][0] != NAMES[subscription]:
+        if not self.left or self.left[0][0] != self.names[subscription]:
             return 401
         name, data = self.left.pop(0)
         self._buffers = [*self._buffers[-8:], ctypes.create_string_buffer(data, len(data))]
@@ -134,7 +159,9 @@ class Middleware:
 
 def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, Answering, int]:
     """The same through the compiled call, and how many samples went straight."""
-    answering, middleware, gone = Answering(scene), Middleware(stream, {2}), [0]
+    answering, gone = Answering(scene), [0]
+    names = [name for name in answering.inputs if name in STREAM_OF]
+    middleware = Middleware(stream, names, {2})
     answering.wanted = lambda name: name == "~/state"
 
     def answered(samples: int) -> None:
@@ -151,10 +178,10 @@ def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list,
 
     inputs = [
         straight.Input(
-            SimpleNamespace(handle=SimpleNamespace(pointer=k)), k,
+            SimpleNamespace(handle=SimpleNamespace(pointer=k)), STREAM_OF[name],
             functools.partial(receive, name), Gaps(lambda count: pytest.fail(f"{count} lost")),
         )
-        for k, name in enumerate(NAMES)
+        for k, name in enumerate(names)
     ]  # fmt: skip
     publishers = [SimpleNamespace(pointer=k) for k in range(4)]
     way = Straight(inputs, publishers, answering.parts, answered)
@@ -163,7 +190,7 @@ def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list,
     ):
         way._memory.addresses[at] = ctypes.cast(function, ctypes.c_void_p).value
     while middleware.left:
-        if middleware.left[0][0] not in NAMES:
+        if middleware.left[0][0] not in names:
             name, data = middleware.left.pop(0)
             answering.inputs[name].receive(data)
         way.take(lambda error: pytest.fail(str(error)))
@@ -174,10 +201,10 @@ def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list,
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_straight_way_publishes_what_the_ordinary_one_does(seed, monkeypatch):
-    stream = messages(random.Random(seed), 400)
-    scene = make(friction__coefficient=0.2, period=0.0 if seed == 4 else 0.001)
+    scene, names = motion(seed, period=0.0 if seed == 4 else 0.001)
+    stream = messages(random.Random(seed), 400, names)
     published, first, gone = serve_straight(scene, stream)
-    monkeypatch.setattr(Likeness, "of", classmethod(lambda *_: None))
+    monkeypatch.setattr(Forms, "of", lambda *_: None)
     found, second = serve(scene, stream)
     assert gone > 50
     assert [without_time(k, data) for k, data in published] == [
@@ -217,12 +244,15 @@ def test_what_is_held_in_vain_is_counted_in_the_end():
     assert loop.sample() is not None  # the first three came twice
 
 
-def test_a_likeness_needs_numbers_where_they_belong():
+def test_a_form_needs_numbers_where_they_belong():
+    forms = Forms(make())
     message = StampedWriter("world", 7).write(5, np.arange(7.0))
-    assert Likeness.of(message, 7) == (len(message), len(message) - 56, message[12:-56])
-    assert Likeness.of(message + b"\0", 7) is None
-    assert Likeness.of(big_endian(message), 7) is None
-    assert Likeness.of(b"\0\1\0\0", 7) is None
+    form = forms.of(0, message)
+    assert form is not None
+    assert form.numbers[:2].tolist() == [len(message) - 56, len(message)]
+    assert forms.of(0, message + b"\0") is None
+    assert forms.of(0, big_endian(message)) is None
+    assert forms.of(0, b"\0\1\0\0") is None
 
 
 LACKING = """

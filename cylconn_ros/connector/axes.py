@@ -63,6 +63,19 @@ def hold_load(body: int, loads: Any, axes: Any, sample: Any) -> None:
 
 
 @jit
+def turn_twist(body: int, sample: Any) -> None:
+    """Turn a body's twist in a sample (NSAMPLE,) from its axes into the world's."""
+    at = layout.A_TWIST if body == 0 else layout.B_TWIST
+    turn = (layout.A_POSE if body == 0 else layout.B_POSE) + 3
+    x, y, z, w = sample[turn], sample[turn + 1], sample[turn + 2], sample[turn + 3]
+    s = _scale(x, y, z, w)
+    for k in (at, at + 3):
+        sample[k], sample[k + 1], sample[k + 2] = _turned(
+            x, y, z, w, s, sample[k], sample[k + 1], sample[k + 2]
+        )
+
+
+@jit
 def _scale(x: float, y: float, z: float, w: float) -> float:
     """Two over the square of a quaternion; NaN where it has no direction."""
     square = x * x + y * y + z * z + w * w

@@ -39,7 +39,7 @@ COMPILED = numba is not None
 
 _CALLED = (
     "core/*.py", "methods/*.py", "connector/axes.py", "connector/series.py", "recording/put.py",
-    "recording/tray.py", "ros/express/*.py",
+    "recording/tray.py", "ros/express/*.py", "ros/forms.py",
 )  # fmt: skip
 """Whose functions are compiled into entries that stand elsewhere."""
 

@@ -9,23 +9,20 @@ one is decided on the ordinary way (matching.py), not here.
 from __future__ import annotations
 
 import sys
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.core.compiled import COMPILED, entry, jit
-from cylconn_ros.ros import cdr
+from cylconn_ros.ros.forms import STREAMS
 
 POSSIBLE: Final = COMPILED and sys.byteorder == "little"
 
-POSE, TWIST, ODOMETRY = 0, 1, 2  # kinds of a stream
-STREAMS: Final = 6  # poses and twists of both bodies as in matching.STREAMS, then both odometries
 NOT_READ: Final = -1  # channels of no input
 OTHER: Final = -2  # channels of inputs that are not about motion: a stretch ends there
 
-MOST_WORDS: Final = 64  # of eight bytes, between stamp and numbers
 _AT, _SIZE, _TWIST_AT, _WORDS = 0, 1, 2, 3
 _HEAD: Final = 256  # little-endian plain CDR, as a number
 _SECOND: Final = 1_000_000_000
@@ -33,57 +30,6 @@ _SECOND: Final = 1_000_000_000
 Integers = NDArray[np.int64]
 Longs = NDArray[np.uint64]
 Array = NDArray[np.float64]
-
-
-class Form(NamedTuple):
-    """What the messages of a stream have in common.
-
-    numbers: (4,) where the numbers begin, bytes of a message, where an odometry's twist begins,
-    words between stamp and numbers. words: those (64,). turned: whether the twist is in body axes.
-    foreign: frames of a message that name no frame of the scene.
-    """
-
-    numbers: Integers
-    words: Longs
-    turned: bool
-    foreign: int
-
-
-class Frames(NamedTuple):
-    """Names by which a message's axes are known."""
-
-    world: str
-    body: str
-    twist_in_world: bool  # where a twist's frame says neither
-
-
-def form(kind: int, data: bytes, frames: Frames) -> Form | None:
-    """The form of a message, or None where others like it have to go the ordinary way."""
-    try:
-        if kind == ODOMETRY:
-            _, frame, child, _, _ = cdr.read_odometry(data)
-            turned, foreign = child != frames.world, int(frame not in ("", frames.world))
-            foreign += child not in (frames.world, frames.body, "")
-            size = 8 * (7 + 36 + 6 + 36)
-        elif kind == POSE:
-            frame = cdr.read_pose(data).frame
-            turned, foreign, size = False, int(frame not in ("", frames.world)), 8 * 7
-        else:
-            frame = cdr.read_twist(data).frame
-            known = frame in (frames.world, frames.body)
-            turned = frame == frames.body if known else not frames.twist_in_world
-            turned = turned and frame != frames.world
-            foreign, size = int(bool(frame) and not known), 8 * 6
-    except cdr.CdrError:
-        return None
-    at = len(data) - size
-    count = (at - 12) // 8
-    if data[:4] != b"\x00\x01\x00\x00" or (at - 4) % 8 or not 0 <= count <= MOST_WORDS:
-        return None
-    words = np.zeros(MOST_WORDS, np.uint64)
-    words[:count] = np.frombuffer(data, "<u8", count, 12)
-    numbers = np.array([at, len(data), at + 8 * (7 + 36), count], np.int64)
-    return Form(numbers, words, turned, foreign)
 
 
 @jit

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.matching import Matched, SampleMatcher
+from cylconn_ros.connector.matching import STREAMS, Matched, SampleMatcher
 from cylconn_ros.connector.parameters import show
 from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
@@ -26,9 +26,10 @@ from cylconn_ros.ros.cdr_writers import (
     StateWriter,
 )
 from cylconn_ros.ros.express import lane, tally
-from cylconn_ros.ros.express.lane import Lane, Likeness
+from cylconn_ros.ros.express.lane import Lane
 from cylconn_ros.ros.express.letters import Letters
 from cylconn_ros.ros.express.straight import Parts
+from cylconn_ros.ros.forms import BODIES, STREAM_OF, Forms, body_of
 from cylconn_ros.ros.health import Health
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -38,8 +39,8 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 STATE = "cylconn_ros/msg/ConnectorState"
 
-BODIES = ("body_a", "body_b")
 COMMAND = "~/command"
+_TYPES = {"pose": POSE, "twist": TWIST, "odom": ODOMETRY, "load": WRENCH}
 STATE_TOPIC, JOINTS_TOPIC = "~/state", "~/joint_state"
 
 # Name, type, in the order of Answer's fields after the stamp.
@@ -123,7 +124,7 @@ class Answering:
         self.matcher = SampleMatcher(scene)
         self.wanted: Callable[[str], bool] = lambda _: True
         self.solve: Callable[[Matched, float], Answer | None] | None = None
-        self.lane = Lane(self.matcher)
+        self.lane, self._forms = Lane(self.matcher), Forms(scene)
         self._seen: tuple[tuple[int, bytes], ...] = ()  # held when somebody last looked
         self.health = Health()
         self.inputs = self._make_inputs()
@@ -262,18 +263,17 @@ class Answering:
     def _make_inputs(self) -> dict[str, Input]:
         inputs: dict[str, Input] = {}
         for body, topic in _of_bodies(self.scene):
-            if topic in ("pose", "twist"):
-                kind = POSE if topic == "pose" else TWIST
-                receive = functools.partial(self._motion, 2 * body + (topic == "twist"))
+            name = f"{BODIES[body]}/{topic}"
+            if name in STREAM_OF:
+                receive = functools.partial(self._motion, STREAM_OF[name])
             else:
-                kind, take = (ODOMETRY, self._odometry) if topic == "odom" else (WRENCH, self._load)
-                receive = functools.partial(self._receive, functools.partial(take, body))
-            inputs[f"{BODIES[body]}/{topic}"] = Input(kind, receive)
+                receive = functools.partial(self._receive, functools.partial(self._load, body))
+            inputs[name] = Input(_TYPES[topic], receive)
         inputs[COMMAND] = Input(JOINT_STATE, functools.partial(self._receive, self._command))
         return inputs
 
     def _motion(self, stream: int, data: bytes) -> Answer | None:
-        """Take a pose or twist: by the express lane, or else on the ordinary way."""
+        """Take what tells a motion: by the express lane, or else on the ordinary way."""
         taken = self.lane.take(stream, data)
         if taken is True:
             return None
@@ -286,29 +286,18 @@ class Answering:
             return self._failed(error, taken)
 
     def _ordinary(self, stream: int, data: bytes) -> Answer | None:
-        body, twist = divmod(stream, 2)
-        take = self._twist if twist else self._pose
-        return self._receive(functools.partial(take, body), data)
+        return self._receive(functools.partial(self._decode, stream), data)
 
-    def _pose(self, body: int, data: bytes) -> Matched | None:
-        read = cdr.read_pose(data)
-        self._learn(2 * body, data, 7, read.frame in ("", self.scene.world_frame))
-        return self.matcher.pose(body, *read)
-
-    def _twist(self, body: int, data: bytes) -> Matched | None:
-        read = cdr.read_twist(data)
-        default = self.scene.twist_axes == "world" and not read.frame
-        self._learn(2 * body + 1, data, 6, default or read.frame == self.scene.world_frame)
-        return self.matcher.twist(body, *read)
-
-    def _learn(self, stream: int, data: bytes, numbers: int, in_world: bool) -> None:
-        """Let messages that are like this one take the express lane, if they may."""
-        likeness = Likeness.of(data, numbers) if in_world else None
-        self.lane.learn(stream, likeness, data)
-
-    def _odometry(self, body: int, data: bytes) -> Matched | None:
-        stamp, frame, child, pose, twist = cdr.read_odometry(data)
-        return self.matcher.odometry(body, stamp, (frame, child), pose, twist)
+    def _decode(self, stream: int, data: bytes) -> Matched | None:
+        """Take a message on the ordinary way, and let those like it take the express lane."""
+        self.lane.learn(stream, self._forms.of(stream, data), data)
+        matcher, body = self.matcher, body_of(stream)
+        if stream >= len(STREAMS):
+            stamp, frame, child, pose, twist = cdr.read_odometry(data)
+            return matcher.odometry(body, stamp, (frame, child), pose, twist)
+        if stream & 1:
+            return matcher.twist(body, *cdr.read_twist(data))
+        return matcher.pose(body, *cdr.read_pose(data))
 
     def _load(self, body: int, data: bytes) -> None:
         _, frame, load = cdr.read_wrench(data)

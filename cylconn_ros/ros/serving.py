@@ -20,6 +20,7 @@ from cylconn_ros.ros.diagnostics import Links, Monitor
 from cylconn_ros.ros.diagnostics_writer import Part
 from cylconn_ros.ros.express import straight
 from cylconn_ros.ros.express.straight import Straight
+from cylconn_ros.ros.forms import STREAM_OF
 from cylconn_ros.ros.gaps import Gaps
 from cylconn_ros.ros.loop import Inputs, Receive
 from cylconn_ros.ros.names import said
@@ -82,12 +83,11 @@ class Served:
         entries = self.topics.open_inputs(answering, self._receiver)
         if not self._goes_straight(answering):
             return Inputs(entries)
+        often = [name for name in answering.inputs if not is_seldom(name)]
         inputs = [
-            straight.Input(entry.subscription, stream, entry.receive, Gaps(entry.lost))
-            for entry, stream in zip(
-                [entry for entry in entries if not entry.seldom],
-                answering.matcher.needed,
-                strict=True,
+            straight.Input(entry.subscription, STREAM_OF[name], entry.receive, Gaps(entry.lost))
+            for name, entry in zip(
+                often, [entry for entry in entries if not entry.seldom], strict=True
             )
         ]
         self._straight = Straight(
@@ -99,7 +99,7 @@ class Served:
         """Whether nothing stands between a sample and the compiled call that answers it."""
         alone = self.together is None and not self.listeners and not self.topics.foreign
         compiled = answering.connector.method != "minimal" and not straight.missing()
-        return self._on_loop and alone and compiled and answering.scene.input == "pose_twist"
+        return self._on_loop and alone and compiled
 
     def _take_straight(self, caught: Callable[[Exception], object]) -> int | None:
         assert self._straight is not None

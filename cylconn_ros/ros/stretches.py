@@ -9,21 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.axes import into_world_all
-from cylconn_ros.connector.matching import PLACES, STREAMS
+from cylconn_ros.connector.matching import PLACES
 from cylconn_ros.core import layout
 from cylconn_ros.recording.blocks import Block
 from cylconn_ros.recording.tray import Messages
 from cylconn_ros.ros import alike
-from cylconn_ros.ros.answering import BODIES, Answering
+from cylconn_ros.ros.answering import Answering
 from cylconn_ros.ros.express import tally
+from cylconn_ros.ros.forms import MOST_WORDS, STREAM_OF, STREAMS, Forms
 
 MOST = 2048  # samples of a stretch: what they and their answers take stays in the cache
 _SHORT = 8  # samples below which a stretch was not worth its call
 _PATIENCE = 1 << 14  # messages that go the ordinary way, at most, before another try
 
 _LOADS = tuple(slice(at, at + 6) for at in (layout.A_LOAD, layout.B_LOAD))
-_MOTION = {name: k for k, name in enumerate((*STREAMS, *(f"{body}/odom" for body in BODIES)))}
-_KINDS = (alike.POSE, alike.TWIST, alike.POSE, alike.TWIST, alike.ODOMETRY, alike.ODOMETRY)
 
 
 class Stretch:
@@ -113,21 +112,17 @@ class Stretches:
         """``names``: the inputs by recorded topic."""
         self._answering = answering
         self._names = names
-        scene = answering.scene
-        by_default = scene.twist_axes == "world"
-        self._frames = [
-            alike.Frames(scene.world_frame, body.frame, by_default) for body in scene.bodies
-        ]
+        self._forms = Forms(answering.scene)
         self._needed = sum(1 << stream for stream in answering.matcher.needed)
         self._seen: dict[int, bytes] = {}  # the last message of a stream on the ordinary way
         self._formed: dict[int, bytes] = {}  # and that which its form is of
-        self._foreign = [0] * alike.STREAMS
-        self._turned = [False] * alike.STREAMS
-        self._numbers = np.full((alike.STREAMS, 4), -1, np.int64)
-        self._words = np.zeros((alike.STREAMS, alike.MOST_WORDS), np.uint64)
+        self._foreign = [0] * STREAMS
+        self._turned = [False] * STREAMS
+        self._numbers = np.full((STREAMS, 4), -1, np.int64)
+        self._words = np.zeros((STREAMS, MOST_WORDS), np.uint64)
         self._topics: Mapping[int, str] = {}
         self._streams = np.zeros(0, np.int64)
-        self._held = np.zeros(alike.STREAMS, np.int64)
+        self._held = np.zeros(STREAMS, np.int64)
         self._samples = np.zeros((MOST, layout.NSAMPLE))
         self._outs = np.zeros((MOST, layout.NOUT))
         self._since = np.zeros(MOST)
@@ -136,7 +131,7 @@ class Stretches:
 
     def may_begin(self, topic: str, data: bytes) -> bool:
         """Whether a stretch may begin behind a message of an input that went the ordinary way."""
-        stream = _MOTION.get(self._names[topic])
+        stream = STREAM_OF.get(self._names[topic])
         if stream is not None:
             self._seen[stream] = data
         self._wait -= 1
@@ -200,8 +195,7 @@ class Stretches:
             if self._formed.get(stream) is data:
                 continue
             self._formed[stream] = data
-            body = (stream >> 1) & 1 if stream < 4 else stream - 4
-            form = alike.form(_KINDS[stream], data, self._frames[body])
+            form = self._forms.of(stream, data)
             self._numbers[stream] = -1
             if form is not None:
                 self._numbers[stream], self._words[stream] = form.numbers, form.words
@@ -225,4 +219,4 @@ class Stretches:
         for channel in range(most):
             name = self._names.get(topics[channel])
             if name is not None:
-                self._streams[channel] = _MOTION.get(name, alike.OTHER)
+                self._streams[channel] = STREAM_OF.get(name, alike.OTHER)

@@ -11,23 +11,23 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
-from cylconn_ros.connector.axes import hold_load
-from cylconn_ros.connector.matching import PLACES, Matched, SampleMatcher
+from cylconn_ros.connector.axes import hold_load, turn_twist
+from cylconn_ros.connector.matching import Matched, SampleMatcher
 from cylconn_ros.connector.scene import Scene
+from cylconn_ros.core import layout
 from cylconn_ros.core.compiled import entry, jit
+from cylconn_ros.ros.forms import ODOMETRIES, STREAMS, Form, body_of
 
-_LITTLE = b"\x00\x01\x00\x00"
 _POSSIBLE = sys.byteorder == "little"
 _SECOND: Final = 1_000_000_000
 
-STREAMS: Final = 4
 FIRST: Final = 4
 """Where a message begins in its row, in bytes: its numbers are then aligned."""
-ROW: Final = 512
+ROW: Final = 1024
 """Bytes of a row."""
 MOST_BYTES: Final = ROW - FIRST
 """Bytes of a message at most."""
@@ -43,30 +43,27 @@ COUNT: Final = 3  # how many those are
 STAMP: Final = 4  # of the sample under way, ns
 BEGUN: Final = 5  # whether there was a sample before
 LAST: Final = 6  # its stamp, ns
-ORDER: Final = 7  # which streams have brought theirs, in that order
-NSTATE: Final = ORDER + STREAMS
+FOREIGN: Final = 7  # frames that named none of the scene, in samples since somebody asked
+ORDER: Final = 8  # which streams have brought theirs, in that order
+NSTATE: Final = ORDER + 4
+
+# What is known of the messages of a stream.
+SIZE: Final = 0  # bytes; -1: nothing
+_AT: Final = 1  # where the numbers begin
+_TWIST_AT: Final = 2  # and those of an odometry's twist
+_TURNED: Final = 3  # whether the twist is in body axes
+_FOREIGN: Final = 4  # frames that name none of the scene
+NLIKE: Final = 5
 
 NOT_ALIKE: Final = 0
 KEPT: Final = 1
 COMPLETE: Final = 2
 
-_AT: Final = tuple(place.start for place in PLACES)
-_SIZE: Final = tuple(place.stop - place.start for place in PLACES)
 
-
-class Likeness(NamedTuple):
-    """What the messages of a stream have in common: all but the stamp and the numbers."""
-
-    size: int  # bytes of a message
-    at: int  # where the numbers begin
-    words: bytes  # what stands between stamp and numbers
-
-    @classmethod
-    def of(cls, data: bytes, numbers: int) -> Likeness | None:
-        """The likeness of a message that ends in ``numbers`` doubles; None where it has none."""
-        at = len(data) - 8 * numbers
-        alike = _POSSIBLE and data[:4] == _LITTLE and at >= 12 and (at - 4) % 8 == 0
-        return cls(len(data), at, data[12:at]) if alike and len(data) <= MOST_BYTES else None
+@jit
+def bits_of(stream: int) -> int:
+    """What a stream brings of a sample, a bit for each of the four poses and twists."""
+    return 1 << stream if stream < ODOMETRIES else 3 << 2 * (stream - ODOMETRIES)
 
 
 @jit
@@ -74,15 +71,15 @@ def take(stream: int, size: int, state: Any, like: Any, model: Any, row: Any, wo
     """Take the message of ``size`` bytes in a stream's row: NOT_ALIKE, KEPT or COMPLETE.
 
     Args:
-        state: (NSTATE,). like: (2 STREAMS,) size and place of the numbers, by stream.
+        state: (NSTATE,). like: (STREAMS NLIKE,) what is known of the messages, by stream.
         model: (STREAMS ROW,) a message that it has to be like, by stream.
         row: (STREAMS ROW,) the messages, the same memory as ``words``: (STREAMS ROW / 4,).
     """
-    bit = 1 << stream
-    if state[OPEN] == 0 or state[NEEDED] & bit == 0 or size != like[2 * stream]:
+    bits, known = bits_of(stream), stream * NLIKE
+    if state[OPEN] == 0 or state[NEEDED] & bits != bits or size != like[known + SIZE]:
         return NOT_ALIKE
     begin = stream * ROW + FIRST
-    end = begin + like[2 * stream + 1]
+    end = begin + like[known + _AT]
     for k in range(begin, begin + 4):
         if row[k] != model[k]:
             return NOT_ALIKE
@@ -100,11 +97,11 @@ def take(stream: int, size: int, state: Any, like: Any, model: Any, row: Any, wo
             return NOT_ALIKE
         state[STAMP] = stamp
         state[COUNT] = 0
-    elif stamp != state[STAMP] or state[HELD] & bit != 0:
+    elif stamp != state[STAMP] or state[HELD] & bits != 0:
         return NOT_ALIKE
     state[ORDER + state[COUNT]] = stream
     state[COUNT] += 1
-    state[HELD] |= bit
+    state[HELD] |= bits
     return COMPLETE if state[HELD] == state[NEEDED] else KEPT
 
 
@@ -114,11 +111,27 @@ def fill(state: Any, like: Any, numbers: Any, loads: Any, axes: Any, sample: Any
 
     ``numbers``: the rows as (STREAMS ROW / 8,) doubles. ``loads``, ``axes``: the matcher's.
     """
-    for stream in range(STREAMS):
-        if state[HELD] >> stream & 1:
-            at = stream * _NUMBERS + (FIRST + like[2 * stream + 1]) // 8
-            for k in range(_SIZE[stream]):
-                sample[_AT[stream] + k] = numbers[at + k]
+    for k in range(state[COUNT]):
+        stream = state[ORDER + k]
+        known = stream * NLIKE
+        begin = stream * _NUMBERS + FIRST // 8
+        at = begin + (like[known + _AT] + 4) // 8
+        state[FOREIGN] += like[known + _FOREIGN]
+        body = body_of(stream)
+        pose, twist = layout.A_POSE, layout.A_TWIST
+        if body == 1:
+            pose, twist = layout.B_POSE, layout.B_TWIST
+        if stream >= ODOMETRIES or stream & 1 == 0:
+            for j in range(7):
+                sample[pose + j] = numbers[at + j]
+            at = begin + (like[known + _TWIST_AT] + 4) // 8
+        if stream >= ODOMETRIES or stream & 1 == 1:
+            for j in range(6):
+                sample[twist + j] = numbers[at + j]
+    for k in range(state[COUNT]):  # poses are there now
+        stream = state[ORDER + k]
+        if like[stream * NLIKE + _TURNED]:
+            turn_twist(body_of(stream), sample)
     for body in range(2):
         hold_load(body, loads, axes, sample)
     state[HELD] = 0
@@ -147,19 +160,21 @@ class Lane:
         self.matcher = matcher
         self.state = np.zeros(NSTATE, np.int64)
         self.state[NEEDED] = sum(1 << stream for stream in matcher.needed)
-        self.like = np.full(2 * STREAMS, -1, np.int64)
+        self.like = np.full(STREAMS * NLIKE, -1, np.int64)
         self.model = np.zeros(STREAMS * ROW, np.uint8)
         self.numbers = np.zeros(STREAMS * _NUMBERS)
         self.row, self.words = self.numbers.view(np.uint8), self.numbers.view(np.int32)
         self._bytes: memoryview = self.row.data
 
-    def learn(self, stream: int, likeness: Likeness | None, data: bytes) -> None:
-        """Let messages that are like ``data`` take this lane; none where it has no likeness."""
-        self.like[2 * stream] = -1
-        if likeness is not None:
-            self.like[2 * stream : 2 * stream + 2] = likeness[:2]
-            at = stream * ROW + FIRST
-            self.model[at : at + len(data)] = np.frombuffer(data, np.uint8)
+    def learn(self, stream: int, form: Form | None, data: bytes) -> None:
+        """Let messages of the form of ``data`` take this lane; none where it has no form."""
+        known = stream * NLIKE
+        self.like[known + SIZE] = -1
+        if form is not None and _POSSIBLE and len(data) <= MOST_BYTES:
+            at, size, twist_at, _ = form.numbers.tolist()
+            self.like[known : known + NLIKE] = size, at, twist_at, form.turned, form.foreign
+            begin = stream * ROW + FIRST
+            self.model[begin : begin + size] = np.frombuffer(data, np.uint8)
 
     def follow(self) -> None:
         """Take over where the matcher is, after whatever it may have taken."""
@@ -175,7 +190,7 @@ class Lane:
         False: it, and first what :meth:`give_back` gives, have to go the ordinary way.
         """
         size = len(data)
-        if size != self.like[2 * stream] or self.state[HELD] >> stream & 1:
+        if size != self.like[stream * NLIKE + SIZE] or self.state[HELD] & bits_of(stream):
             return False
         if not self.state[HELD]:
             self.follow()
@@ -194,7 +209,13 @@ class Lane:
             self.state, self.like, self.numbers, matcher.load_numbers, matcher.load_axes,
             matcher.sample,
         )  # fmt: skip
+        self.count_foreign()
         return matched
+
+    def count_foreign(self) -> None:
+        """Have the matcher count foreign frames of the samples since this was last called."""
+        self.matcher.counts.foreign_frames += int(self.state[FOREIGN])
+        self.state[FOREIGN] = 0
 
     @property
     def held(self) -> tuple[tuple[int, bytes], ...]:
@@ -203,7 +224,7 @@ class Lane:
         if not state[HELD]:
             return ()
         return tuple(
-            (stream, bytes(self._bytes[at : at + int(self.like[2 * stream])]))
+            (stream, bytes(self._bytes[at : at + int(self.like[stream * NLIKE + SIZE])]))
             for stream in state[ORDER : ORDER + state[COUNT]].tolist()
             for at in (stream * ROW + FIRST,)
         )

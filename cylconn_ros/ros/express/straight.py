@@ -106,7 +106,7 @@ def _serve(
             came += 1
             stream = streams[j]
             size = boxes[rcl.MESSAGE * j + rcl.LENGTH]
-            fits = size <= MOST_BYTES and not held[lane.HELD] >> stream & 1
+            fits = size <= MOST_BYTES and held[lane.HELD] & lane.bits_of(stream) == 0
             begin = stream * ROW + FIRST
             taken = NOT_ALIKE
             if info[rcl.SEQUENCE] == expected[j] and fits:
@@ -179,7 +179,7 @@ class Input(NamedTuple):
 
 
 class Straight:
-    """Serve a connector's poses and twists.
+    """Serve what a connector is told of its bodies' motion.
 
     Attributes
     ----------
@@ -245,6 +245,7 @@ class Straight:
             self._lane.follow()
             answered = self._serve()
             if answered:
+                self._lane.count_foreign()
                 last = int(self.told[LAST])
                 self._answered(answered)
             k = int(self.told[ODD])
