@@ -20,45 +20,40 @@ import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from cylconn_ros.ros import bells, cdr
+from cylconn_ros.ros import bells
 from cylconn_ros.ros.answering import POSE, TWIST, WRENCH
-from cylconn_ros.ros.bench.driver import PERIOD, cpu_time
-from cylconn_ros.ros.cdr_writers import StampedWriter
+from cylconn_ros.ros.bench.asking import Exchange, Motion
+from cylconn_ros.ros.bench.driver import cpu_time
 from cylconn_ros.ros.message_types import message_class
 
 _QUEUE = QoSProfile(depth=2000)  # reliable; what is lost is lost by who serves
 _PATIENCE = 2.0  # s for answers after the last sample was sent
 _MEETING = 300.0  # s for the connectors to appear; the first start ever compiles
-_SPEED = 1e-4  # m a sample: the sleeves slide steadily
 
 
 class Asked:
     """The topics of one connector, and the samples that are out."""
 
     def __init__(self, node: Node, name: str, moving: Sequence[str]) -> None:
-        self._senders = []
-        self._publishers = []
-        for body in moving:
-            for topic, kind, numbers in (("pose", POSE, 7), ("twist", TWIST, 6)):
-                publisher = node.create_publisher(
-                    message_class(kind), f"/{name}/{body}/{topic}", _QUEUE
-                )
-                writer, values = StampedWriter("world", numbers), np.zeros(numbers)
-                values[6 if kind == POSE else 0] = 1.0 if kind == POSE else 0.0
-                self._senders.append((publisher.handle.publish_raw, writer, values))
-                self._publishers.append(publisher)
-        self._place, self._speed = self._senders[-2][2], self._senders[-1][2]
-        self._speed[0] = _SPEED / (PERIOD * 1e-9)
+        motions = [
+            Motion(
+                node.create_publisher(message_class(kind), f"/{name}/{body}/{topic}", _QUEUE),
+                kind == POSE,
+                body == moving[-1],
+            )
+            for body in moving
+            for topic, kind in (("pose", POSE), ("twist", TWIST))
+        ]
+        self._publishers = [motion.publisher for motion in motions]
         self._answers = [
             node.create_subscription(
                 message_class(WRENCH), f"/{name}/{body}/wrench", lambda _: None, _QUEUE, raw=True
             )
             for body in moving
         ]
-        self.bell = bells.Bell(self._answers)
-        self.bell.tie(range(len(self._answers)))
-        self._takes = [(s.handle.take_message, s.msg_type) for s in self._answers]
-        self._stamp = 0
+        self._exchange = Exchange(motions, self._answers, _QUEUE.depth)
+        self.bell = bells.Bell(self._answers[-1:])  # the last wrench comes last
+        self.bell.tie([0])
         self.sent: dict[int, tuple[int, int]] = {}  # when, and answers still out, by stamp
         self.delays: list[int] = []
 
@@ -75,27 +70,22 @@ class Asked:
 
     def send(self) -> None:
         """Send the next sample."""
-        self._stamp += PERIOD
-        self._place[0] += _SPEED
-        messages = [(publish, w.write(self._stamp, values)) for publish, w, values in self._senders]
-        self.sent[self._stamp] = time.perf_counter_ns(), len(self._answers)
-        for publish, data in messages:
-            publish(data)
+        stamp, went = self._exchange.send()
+        self.sent[stamp] = went, len(self._answers)
 
     def take(self) -> None:
         """Take the answers that have come."""
-        sent = self.sent
-        for take, kind in self._takes:
-            while (taken := take(kind, True)) is not None:
-                stamp = cdr.read_stamp(taken[0])
-                if stamp not in sent:
-                    continue
-                when, left = sent[stamp]
-                if left > 1:
-                    sent[stamp] = when, left - 1
-                else:
-                    del sent[stamp]
-                    self.delays.append(time.perf_counter_ns() - when)
+        sent, stamps = self.sent, self._exchange.take()
+        now = time.perf_counter_ns()
+        for stamp in stamps:
+            if stamp not in sent:
+                continue
+            when, left = sent[stamp]
+            if left > 1:
+                sent[stamp] = when, left - 1
+            else:
+                del sent[stamp]
+                self.delays.append(now - when)
 
 
 class Crowd:
@@ -135,7 +125,9 @@ class Crowd:
             for number in ear.wait(wait):
                 everybody[number].take()
             if count == total:
-                out = any(one.sent for one in everybody)
+                out = [one for one in everybody if one.sent]
+                for one in out:
+                    one.take()  # a wrench may have come after the one that rings
                 if not out or now - begin > total * gap + _PATIENCE * 1e9:
                     break
         wall = (time.perf_counter_ns() - begin) * 1e-9
