@@ -25,7 +25,7 @@ from cylconn_ros.ros.express.tally import note
 from cylconn_ros.ros.gaps import Gaps
 
 _REAL, _MONOTONIC = 0, 1  # the numbers of those clocks
-_WRENCHES: Final = 2  # the messages of an answer that are always published
+_WRENCHES: Final = 2  # the messages of an answer that are published whether somebody listens or not
 
 # What a call tells, and is told.
 ODD: Final = 0  # number of the input whose message is odd; -1: none is
@@ -34,11 +34,10 @@ STAMP: Final = 2  # of the last sample, ns
 BEFORE: Final = 3  # of the one before, ns
 BEGUN: Final = 4  # whether there was one
 UNSENT: Final = 5  # messages that could not be published
-WANTED: Final = 6  # bits of the messages that are made whether anybody listens or not
-NEXT: Final = 7  # number of the input to begin with; the one behind the odd message
-MOST: Final = 8  # samples that may be answered in the call
-RECORDING: Final = 9  # whether messages are recorded
-NTOLD: Final = 10
+NEXT: Final = 6  # number of the input to begin with; the one behind the odd message
+MOST: Final = 7  # samples that may be answered in the call
+RECORDING: Final = 8  # whether messages are recorded
+NTOLD: Final = 9
 _ALL = 1 << 30
 _NO_TRAY = Tray(0, np.zeros((2, 1), np.int64)).arrays
 _AT_ONCE = 4  # samples, while recording
@@ -59,9 +58,9 @@ def _time_of_day(addresses: Any, clock: Any) -> int:
 
 
 @jit
-def _is_wanted(k: int, addresses: Any, clock: Any, publishers: Any, told: Any) -> bool:
-    """Whether message ``k`` of an answer is: a wrench always, the rest where somebody listens."""
-    if k < _WRENCHES or told[WANTED] >> k & 1:
+def _is_heard(k: int, addresses: Any, clock: Any, publishers: Any) -> bool:
+    """Whether message ``k`` of an answer is published: a wrench always, the rest where heard."""
+    if k < _WRENCHES:
         return True
     clock[0] = 0
     call(addresses[rcl.LISTENERS], publishers[k], addresses[rcl.NUMBERS], 0, 0)
@@ -132,13 +131,13 @@ def _serve(
             write(stamp, out, places, letters, letter_words, small)
             now = _time_of_day(addresses, clock) if recording else 0
             for k in range(COUNT):
-                if _is_wanted(k, addresses, clock, publishers, told):
-                    if call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0) != 0:
-                        told[UNSENT] += 1
-                    if recording:
-                        begin, size = places[BEGIN + k], places[SIZE + k]
-                        data, to = small[begin : begin + size], channels[count + k]
-                        put(records, entries, used, counts, to, now, now, data, size)
+                heard = _is_heard(k, addresses, clock, publishers)
+                if heard and call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0) != 0:
+                    told[UNSENT] += 1
+                if recording:
+                    begin, size = places[BEGIN + k], places[SIZE + k]
+                    data, to = small[begin : begin + size], channels[count + k]
+                    put(records, entries, used, counts, to, now, now, data, size)
             note(tally, out, h, period)
             told[BEGUN], told[BEFORE], told[STAMP] = held[lane.BEGUN], held[lane.LAST], stamp
             held[lane.BEGUN], held[lane.LAST] = 1, stamp
@@ -267,7 +266,6 @@ class Straight:
         self.writer = writer
         recording = writer is not None
         self.told[RECORDING], self.told[MOST] = recording, _AT_ONCE if recording else _ALL
-        self.told[WANTED] = (1 << COUNT) - 1 if recording else 0
         self._channels = np.array(channels, np.int64)
 
     def _serve(self) -> int:
