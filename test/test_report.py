@@ -231,7 +231,7 @@ def test_stops_of_a_real_recording_are_shown() -> None:
     stop = packed.head["events"]["stop"]
     np.testing.assert_array_equal(packed(stop["bits"]), run.state["stop"])
     assert set(packed(stop["bits"])) == {0, 1, 2}
-    assert stop["names"][:2] == ["stop l min", "stop l max"]
+    assert stop["names"][:2] == ["stop length min", "stop length max"]
     assert packed.head["geometry"]["stops"] == [0.0, 0.1]
 
 

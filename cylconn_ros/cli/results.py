@@ -10,21 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-REGIMES = ("frictionless", "stick", "slip")
-FLAGS = (
-    "undersampled",
-    "turn ambiguous",
-    "twist contradicts",
-    "half turn",
-    "limited",
-    "several roots",
-    "jammed",
-    "stopped",
-    "misaligned",
-    "gains lowered",
-    "plant_integration does not fit",
-)
-"""Names of the bits of ConnectorState.flags, lowest first."""
+from cylconn_ros.connector.words import FLAGS, REGIMES
 
 _STICK = 1
 _STOPPED = 128

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cylconn_ros.connector import words
 from cylconn_ros.report import decimate
 from cylconn_ros.report.gather import Gathered, Geometry
 from cylconn_ros.report.panels import PANELS, Curve, Panel, States, chosen
@@ -23,25 +24,14 @@ BUCKETS = 8_000
 PATH_BUCKETS = 2_500
 """And so many of whole samples, up to nine of each, for the planes and the 3-D view."""
 
-REGIMES = ("frictionless", "stick", "slip")
-STOPS = ("stop l min", "stop l max", "stop angle min", "stop angle max")
-LOCKS = ("slide locked", "spin locked")
-STATUS = ("not finite", "bad quaternion", "no period")
-FLAGS = (
-    "undersampled",
-    "turn ambiguous",
-    "twist contradicts",
-    "half turn",
-    "limited",
-    "several roots",
-    "jammed",
-    "stopped",
-    "misaligned",
-    "gains lowered",
-    "integration",
-)
+EVENTS = {
+    "regime": words.REGIMES,
+    "stop": tuple(f"stop {name}" for name in words.STOPS),
+    "lock": tuple(f"{name} locked" for name in words.LOCKS),
+    "status": words.STATUS,
+    "flags": words.FLAGS,
+}
 """Names of the bits of ConnectorState, lowest first; of regime and status, of the values."""
-EVENTS = {"regime": REGIMES, "stop": STOPS, "lock": LOCKS, "status": STATUS, "flags": FLAGS}
 
 
 class Packer:

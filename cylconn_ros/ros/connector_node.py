@@ -26,6 +26,7 @@ from cylconn_ros.ros import loop, process
 from cylconn_ros.ros.arguments import Arguments
 from cylconn_ros.ros.diagnostics import OK
 from cylconn_ros.ros.diagnostics_writer import Part, written
+from cylconn_ros.ros.express import straight
 from cylconn_ros.ros.names import said
 from cylconn_ros.ros.parameters import SceneParameters, differences, ros_part
 from cylconn_ros.ros.recording import Recorder
@@ -73,6 +74,10 @@ class ConnectorNode(LifecycleNode):
         if lacking:
             self.get_logger().warning(
                 f"this rclpy has no {lacking}: samples are served by its executor, which is slower"
+            )
+        elif straight.missing():
+            self.get_logger().warning(
+                f"{straight.missing()} is missing: samples are served in Python, which is slower"
             )
         self._loop = None if lacking else loop.Loop(self, self._lock, self.caught, self._look)
         self._connectors = [self._serving(name) for name in scenes]

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from cylconn_ros.connector import words
+from cylconn_ros.connector.words import named
 from cylconn_ros.core import layout
 from cylconn_ros.ros.answering import Answering
 from cylconn_ros.ros.diagnostics_writer import Part, PartWriter
@@ -18,27 +20,6 @@ OK, WARN, ERROR = (
     level[0] for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 )
 
-_REGIMES = {layout.FRICTIONLESS: "frictionless", layout.STICK: "stick", layout.SLIP: "slip"}
-_FLAGS = {
-    layout.UNDERSAMPLED: "undersampled",
-    layout.TURN_AMBIGUOUS: "turn ambiguous",
-    layout.TWIST_CONTRADICTS: "twist contradicts the poses",
-    layout.HALF_TURN: "misaligned by half a turn",
-    layout.LIMITED: "limited",
-    layout.SEVERAL_ROOTS: "several solutions",
-    layout.JAMMED: "jammed",
-    layout.STOPPED: "stopped",
-    layout.MISALIGNED: "pulling in",
-    layout.GAINS_LOWERED: "gains lowered",
-    layout.INTEGRATION: "plant_integration does not fit",
-}
-_STOPS = {
-    1: "length min",
-    2: "length max",
-    4: "angle min",
-    8: "angle max",
-}  # bits, as in the message
-_LOCKS = {1: "slide", 2: "spin"}
 # Worth a warning: the answer may not be what the user expects.
 _WORRYING = (
     layout.UNDERSAMPLED
@@ -48,10 +29,6 @@ _WORRYING = (
     | layout.GAINS_LOWERED
     | layout.INTEGRATION
 )
-
-
-def _named(names: Mapping[int, str], bits: int) -> str:
-    return ", ".join(text for bit, text in names.items() if bits & bit)
 
 
 @dataclasses.dataclass
@@ -168,9 +145,9 @@ class Monitor:
 
     def _solution(self, answering: Answering, health: Health) -> Part:
         connector = answering.connector
-        regime = _REGIMES.get(health.regime, str(health.regime))
-        flags, stops = _named(_FLAGS, health.flags), _named(_STOPS, health.stops)
-        locked = _named(_LOCKS, health.lock)
+        regime = words.REGIMES[health.regime]
+        flags, stops = named(words.FLAGS, health.flags), named(words.STOPS, health.stops)
+        locked = named(words.LOCKS, health.lock)
         fine = f"{connector.method}, {regime}"
         fine += f", at stop: {stops}" if stops else ""
         fine += f", locked: {locked}" if locked else ""
@@ -194,7 +171,7 @@ class Monitor:
     def _solution_problems(self, health: Health) -> Iterator[Problem]:
         worrying = health.flags & _WORRYING
         if worrying:
-            yield from ((WARN, text) for bit, text in _FLAGS.items() if bit & worrying)
+            yield from ((WARN, name) for k, name in enumerate(words.FLAGS) if worrying >> k & 1)
         if self._new("saturated", health.saturated):
             yield WARN, "wrenches are scaled down to the limits"
 
