@@ -215,7 +215,7 @@ def _kinds(answering: Answering) -> dict[str, str]:
 
 
 def _callback(receive: Receive) -> Callable[[bytes], None]:
-    """The same for an executor, which cannot tell of gaps: it has no information on messages."""
+    """The same for an executor; rclpy's fails where a callback asks for what tells of gaps, too."""
 
     def callback(data: bytes) -> None:
         receive(data)
