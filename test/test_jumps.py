@@ -118,7 +118,8 @@ def test_latency_is_measured_where_samples_are_lost(late: int) -> None:
     scene = scene_of("demo", -1)
     plant, connector = Plant(scene), Connector(scene)
     way: list[Array] = [np.zeros(12)] * late
-    sample, last, gone = np.zeros(layout.NSAMPLE), np.zeros(12), 0
+    last: Array = np.zeros(12)
+    sample, gone = np.zeros(layout.NSAMPLE), 0
     found, energy, balance = [], [], []
     for k in range(200):
         gone += 1

@@ -196,7 +196,8 @@ class Prompt:
         """
         if late in self._begun:
             return self._begun[late]
-        servant, wrench = Watched(self.scene), np.zeros(12)
+        servant = Watched(self.scene)
+        wrench: Array = np.zeros(12)
         sample, energy = np.zeros(layout.NSAMPLE), self.energy.copy()
         state = sample[layout.MOTION]
         state[:], sample[layout.LOADS] = _start(self.scene), loads_of(self.scene)
