@@ -46,7 +46,7 @@ def measure(settings: Settings, environment: Mapping[str, str]) -> Findings:
 
     Raises RuntimeError where a process ends too early.
     """
-    rounds, samples = (2, 200) if settings.quick else (15, 800)
+    rounds, samples = (2, 200) if settings.quick else (40, 300)
     found: dict[tuple[str, str], Rounds] = {(p, c): [] for p in _RATES for c in _NAMES}
     with tempfile.TemporaryDirectory() as name, _processes(Path(name), environment) as ask:
         for contestant in _NAMES:  # they meet, and compile where it is the first time
