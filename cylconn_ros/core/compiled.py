@@ -157,8 +157,8 @@ else:
     entry_that_allocates = entry
 
     def call(address: int, first: int, second: int, third: int, fourth: int) -> int:
-        """Nothing can be called so without a compiler."""
-        raise NotImplementedError
+        """Nothing can be called by its address without a compiler."""
+        raise RuntimeError("numba is missing: nothing can be called by its address")
 
     def is_ready(function: Callable[..., Any]) -> bool:
         """Whether an entry runs at once: always, as nothing is compiled."""

@@ -100,7 +100,7 @@ class _Group:
     def __init__(self, inputs: Inputs, caught: Callable[[Exception], object]) -> None:
         often = [entry for entry in inputs.entries if not entry.seldom]
         seldom = [entry for entry in inputs.entries if entry.seldom]
-        self._straight = inputs.take
+        self._take_often = inputs.take or self._take_queued
         self.bell, self.seldom_bell = (
             bells.Bell([entry.subscription for entry in some]) for some in (often, seldom)
         )
@@ -109,6 +109,7 @@ class _Group:
         self._caught = caught
         self._last: int | None = None  # who completed the last sample
         self._rounds = 0
+        self._expected = False  # whether it rings for what comes next alone, and that is in time
         self._completed = 0.0
         self.due = 0.0  # when to look, though the bell has not rung; 0: it rings for all of them
         self._tie(None)
@@ -119,15 +120,8 @@ class _Group:
 
     def serve(self, now: float) -> None:
         """Take what has come, and say to the bell what comes next."""
-        self._rounds += 1
-        expected = self._last is not None and now < self.due
-        most = 1 if expected and self._rounds % _THOROUGH else _ALL
-        if self._straight is not None:
-            last = self._straight(self._caught)
-        else:
-            last = self._take(self._streams, most)
-            if last is None and most == 1:  # what was not taken has rung already
-                last = self._take(self._streams, _ALL)
+        self._expected = self._last is not None and now < self.due
+        last = self._take_often(self._caught)
         if last != self._last:
             self._tie(last)
         if last is None:
@@ -136,6 +130,15 @@ class _Group:
             patience = _PATIENCE * (now - self._completed)
             self._completed = now
             self.due = now + min(max(patience, _LEAST), _MOST)
+
+    def _take_queued(self, _caught: Callable[[Exception], object]) -> int | None:
+        """Take what has come message by message; who completed the last sample."""
+        self._rounds += 1
+        most = 1 if self._expected and self._rounds % _THOROUGH else _ALL
+        last = self._take(self._streams, most)
+        if last is None and most == 1:  # what was not taken has rung already
+            last = self._take(self._streams, _ALL)
+        return last
 
     def serve_seldom(self) -> None:
         """Take all that has come of what completes no sample."""

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cylconn_ros.core.compiled import call, entry
 from cylconn_ros.ros.cdr_writers import StampedWriter
 from cylconn_ros.ros.express import rcl
+from cylconn_ros.ros.express.letters import STAMP, Laid
 
 PERIOD = 1_000_000  # ns between stamps, whatever the rate is
 _SPEED = 1e-4  # m a sample: the sleeves slide steadily
-_STAMP: Final = 4  # where it begins in a message
-_FIRST = 4  # where a message begins behind a multiple of eight: its numbers are aligned then
 
 
 @entry
@@ -49,7 +48,7 @@ def _take(
         while count < len(found):
             if call(addresses[rcl.TAKE], subscriptions[k], inbox[k], addresses[rcl.INFO], 0) != 0:
                 break
-            at = boxes[rcl.MESSAGE * k + rcl.BYTES] + _STAMP
+            at = boxes[rcl.MESSAGE * k + rcl.BYTES] + STAMP
             call(addresses[rcl.COPY], addresses[rcl.NUMBERS], at, 8, 0)
             found[count] = scratch[0] * 1_000_000_000 + scratch[1]
             count += 1
@@ -69,21 +68,15 @@ class Exchange:
 
     def __init__(self, motions: Sequence[Motion], answers: Sequence[Any], most: int) -> None:
         """``answers``: subscriptions of rclpy, raw. ``most``: messages that are taken at once."""
-        blanks = [_blank(motion) for motion in motions]
-        memory = rcl.Memory()
-        rooms = [(_FIRST + len(blank) + 7) // 8 * 8 for blank in blanks]
-        begins = np.cumsum([0, *rooms[:-1]]) + _FIRST
-        self._numbers = np.zeros(sum(rooms) // 8)
-        inner = self._numbers.view(np.uint8)
-        for begin, blank in zip(begins, blanks, strict=True):
-            inner[begin : begin + len(blank)] = np.frombuffer(blank, np.uint8)
+        memory, laid = rcl.Memory(), Laid([_blank(motion) for motion in motions])
+        self._numbers = laid.numbers
         place = next(k for k, one in enumerate(motions) if one.is_pose and one.slides)
-        self._x = (begins[place] + len(blanks[place])) // 8 - 7
-        outbox = rcl.Outbox((inner.ctypes.data + begins).tolist(), [len(blank) for blank in blanks])
+        self._x = (laid.begins[place] + laid.sizes[place]) // 8 - 7
+        outbox = rcl.Outbox(laid.addresses, laid.sizes.tolist())
         inbox = rcl.Inbox(len(answers))
         self._keep = memory, inbox, outbox
         self._sending = (
-            memory.addresses, memory.numbers, inner.view(np.int32), (begins + _STAMP) // 4,
+            memory.addresses, memory.numbers, laid.words, laid.stamps,
             np.array([motion.publisher.handle.pointer for motion in motions]), outbox.addresses,
         )  # fmt: skip
         self._found = np.zeros(most, np.int64)

@@ -23,10 +23,10 @@ from cylconn_ros.ros import process, qos
 from cylconn_ros.ros.bench.topics import INPUTS, OUTPUTS
 from cylconn_ros.ros.cdr_writers import StampedWriter, StateWriter
 from cylconn_ros.ros.express import rcl
+from cylconn_ros.ros.express.letters import STAMP, Laid
 from cylconn_ros.ros.loop import Entry, Inputs, Loop
 from cylconn_ros.ros.message_types import message_class
 
-_STAMP: Final = 4  # where it begins in a message with a header
 _STAMP_SIZE: Final = 8
 
 
@@ -46,9 +46,9 @@ def _forward(
                 return answered
             taken[0] = k + 1
         taken[0] = 0
-        stamp = boxes[rcl.MESSAGE * last + rcl.BYTES] + _STAMP
+        stamp = boxes[rcl.MESSAGE * last + rcl.BYTES] + STAMP
         for k in range(len(publishers)):
-            call(addresses[rcl.COPY], bodies[k] + _STAMP, stamp, _STAMP_SIZE, 0)
+            call(addresses[rcl.COPY], bodies[k] + STAMP, stamp, _STAMP_SIZE, 0)
             call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0)
         answered += 1
     return answered
@@ -63,11 +63,8 @@ class _Forwarder:
             messages.STATE: StateWriter("body_a", "impulse").write(0, np.zeros(layout.NOUT)),
         }
         self._memory, self._inbox = rcl.Memory(), rcl.Inbox(len(subscriptions))
-        self._bodies = [
-            np.frombuffer(bytearray(blank[kind]), np.uint8) for kind in OUTPUTS.values()
-        ]
-        bodies = [body.ctypes.data for body in self._bodies]
-        self._outbox = rcl.Outbox(bodies, [len(body) for body in self._bodies])
+        self._laid = Laid([blank[kind] for kind in OUTPUTS.values()])
+        self._outbox = rcl.Outbox(self._laid.addresses, self._laid.sizes.tolist())
         addresses = [one.handle.pointer for one in subscriptions]
         whole = np.int64
         self._arguments = (
@@ -77,7 +74,7 @@ class _Forwarder:
             self._inbox.memory,
             self._inbox.addresses,
             np.array([one.handle.pointer for one in publishers]),
-            np.array(bodies),
+            np.array(self._laid.addresses),
             self._outbox.addresses,
         )
         taken, first, _, *rest = self._arguments

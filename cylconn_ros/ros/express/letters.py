@@ -12,6 +12,7 @@ from cylconn_ros.core.compiled import entry, jit
 
 FIRST: Final = 4
 """Where a message begins behind a multiple of eight bytes: its numbers are then aligned."""
+STAMP: Final = 4  # where it begins in a message
 COUNT: Final = 4  # messages of an answer: wrenches on A and B, state, joint state
 _SECOND: Final = 1_000_000_000
 
@@ -66,36 +67,58 @@ def _write(stamp: int, out: Any, places: Any, numbers: Any, words: Any, small: A
     write(stamp, out, places, numbers, words, small)
 
 
-class Letters:
+class Laid:
+    """Messages laid out one after the other, for compiled code to change and to send.
+
+    Attributes
+    ----------
+        numbers, words, small: their memory, in words of eight and four bytes and in bytes.
+        begins, sizes: (n,) where each message begins in ``small``, and its bytes.
+    """
+
+    def __init__(self, blanks: Sequence[bytes]) -> None:
+        """Lay out ``blanks``, messages as they always are."""
+        room = [(FIRST + len(blank) + 7) // 8 * 8 for blank in blanks]
+        ends = np.cumsum(room)
+        self.sizes = np.array([len(blank) for blank in blanks])
+        self.numbers = np.zeros(ends[-1] // 8)
+        self.words, self.small = self.numbers.view(np.int32), self.numbers.view(np.uint8)
+        self.begins = ends - room + FIRST
+        for begin, blank in zip(self.begins.tolist(), blanks, strict=True):
+            self.small[begin : begin + len(blank)] = np.frombuffer(blank, np.uint8)
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """(n,) where the messages' stamps are in ``words``."""
+        return (self.begins + STAMP) // 4
+
+    @property
+    def addresses(self) -> list[int]:
+        """Where the messages are."""
+        return (self.small.ctypes.data + self.begins).tolist()
+
+
+class Letters(Laid):
     """The messages of an answer: wrenches on A and B, state, joint state.
 
     Attributes
     ----------
-        places, numbers, words, small: as :func:`write` has them.
-        begins, sizes: (COUNT,) where each message begins in ``small``, and its bytes; in places,
-            too.
+        places: as :func:`write` has them; ``begins`` and ``sizes`` are in them, too.
     """
 
     def __init__(self, blanks: Sequence[bytes], blocks: Sequence[Sequence[int]]) -> None:
-        """Lay out ``blanks``, messages as they always are.
+        """Lay out ``blanks``.
 
         ``blocks``: for each where its blocks of numbers begin; the state's second are the small
         ones.
         """
-        room = [(FIRST + len(blank) + 7) // 8 * 8 for blank in blanks]
-        begins = np.cumsum([0, *room])
-        self.sizes = np.array([len(blank) for blank in blanks])
-        self.numbers = np.zeros(begins[-1] // 8)
-        self.words, self.small = self.numbers.view(np.int32), self.numbers.view(np.uint8)
-        self.begins = begins[:-1] + FIRST
-        for begin, blank in zip(self.begins.tolist(), blanks, strict=True):
-            self.small[begin : begin + len(blank)] = np.frombuffer(blank, np.uint8)
+        super().__init__(blanks)
         a, b, state, joints = (
             [begin + at for at in some]
             for begin, some in zip(self.begins.tolist(), blocks, strict=True)
         )
         self.places = np.zeros(_PLACES, np.int64)
-        self.places[_STAMP : _STAMP + COUNT] = (self.begins + 4) // 4
+        self.places[_STAMP : _STAMP + COUNT] = self.stamps
         self.places[[_WRENCH_A, _WRENCH_B, _STATE]] = np.array((a[0], b[0], state[0])) // 8
         self.places[[_SMALL, _FLAGS]] = state[1], (state[1] + 4) // 4
         self.places[[_POSITION, _VELOCITY, _EFFORT]] = np.array(joints) // 8

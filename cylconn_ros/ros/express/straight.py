@@ -1,6 +1,6 @@
 """The straight way: from the middleware's queues to its publishers in one compiled call.
 
-:func:`serve` takes what has come, and where it makes a sample as nearly all do, answers it and
+It takes what has come, and where it makes a sample as nearly all do, answers it and
 publishes the answer; it goes on while samples come. A message that is not like the others ends the
 call, for the caller to have it served on the ordinary way and to call again.
 """
@@ -219,9 +219,7 @@ class Straight:
         """Answer with these from now on."""
         held, letters = parts.lane, parts.letters
         self._lane, self._parts = held, parts
-        self._outbox = rcl.Outbox(
-            (letters.small.ctypes.data + letters.begins).tolist(), letters.sizes.tolist()
-        )
+        self._outbox = rcl.Outbox(letters.addresses, letters.sizes.tolist())
         self._largest = max(MOST_BYTES, *letters.sizes.tolist())
         matcher, memory, inbox = held.matcher, self._memory, self._inbox
         self._arguments = (
@@ -280,7 +278,7 @@ class Straight:
         """Have the odd message served on the ordinary way; whether it completed a sample."""
         one, number = self._inputs[k], int(self._memory.info[rcl.SEQUENCE])
         one.gaps.expected = int(self._expected[k])
-        one.gaps.look(number)
+        one.gaps.look(number if number >= 0 else None)  # -1: the middleware has no numbers
         self._expected[k] = one.gaps.expected
         return one.receive(self._inbox.message(k))
 
