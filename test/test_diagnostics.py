@@ -49,6 +49,15 @@ def test_what_is_written_is_what_ros_reads(names, keys, data):
         assert deserialize_message(ours, DiagnosticArray) == array
 
 
+def test_equal_values_that_are_other_texts_are_written_anew():
+    writer = PartWriter("a", "b")
+    for value in (0, 0.0, -0.0, False, "0", 1, True):
+        (status,) = deserialize_message(
+            written(0, [writer.write(OK, "", {"c": value})]), DiagnosticArray
+        ).status
+        assert status.values[0].value == str(value)
+
+
 def test_what_is_no_text_is_written_all_the_same():
     part = PartWriter("a", "b").write(OK, "\ud800", {"c": "\udfff"})
     (status,) = deserialize_message(written(0, [part]), DiagnosticArray).status

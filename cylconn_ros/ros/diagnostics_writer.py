@@ -37,19 +37,20 @@ class PartWriter:
 
     def __init__(self, name: str, hardware: str) -> None:
         self._name, self._named, self._hardware = name, _string(name), _string(hardware)
-        self._kept: dict[str, tuple[object, bytes]] = {}  # values and their pairs, by key
+        self._kept: dict[str, tuple[str, bytes]] = {}  # values as text and their pairs, by key
 
     def write(self, level: int, message: str, values: Mapping[str, object]) -> Part:
         """A part with ``values``, of which there is at least one, as ``str`` shows them."""
         kept, pieces = self._kept, [self._named, _string(message), self._hardware]
         pieces.append(_COUNT.pack(len(values)))
-        value: object = ""
+        text = ""
         for key, value in values.items():
+            text = str(value)  # equal values may be other texts: 0, 0.0, -0.0, False
             before = kept.get(key)
-            if before is None or before[0] != value:
-                kept[key] = before = value, _string(key) + _string(str(value))
+            if before is None or before[0] != text:
+                kept[key] = before = text, _string(key) + _string(text)
             pieces.append(before[1])
-        filling = -(len(str(value).encode(errors="replace")) + 1) % 4
+        filling = -(len(text.encode(errors="replace")) + 1) % 4
         data = b"".join(pieces)
         return Part(level, self._name, message, data[: len(data) - filling])
 
