@@ -32,7 +32,8 @@ from cylconn_ros.bench.problems import handful
 from cylconn_ros.bench.results import Findings, Gap, Measurement, Report, Target
 from cylconn_ros.bench.scipy_peer import slide_and_spin
 from cylconn_ros.bench.settings import Settings
-from cylconn_ros.cli import bench, main
+from cylconn_ros.cli import main
+from cylconn_ros.cli.benches import BENCHES, Bench
 from cylconn_ros.cli.processes import private_environment
 from cylconn_ros.connector.plant import Plant
 from cylconn_ros.connector.simulation import simulate
@@ -270,12 +271,12 @@ def test_what_cannot_be_measured_fails_the_command(
     def missing(_: Settings) -> Findings:
         return Findings(targets=[Target("fast", 2.0, 1.0, "us")])
 
-    monkeypatch.setattr(bench, "parts", lambda what: (("one", missing), ("two", broken)))
+    monkeypatch.setitem(BENCHES, "kernel", lambda: Bench((("one", missing), ("two", broken))))
     assert main.main(["bench", "kernel"]) == 1
     seen = capsys.readouterr()
     assert "MISSED" in seen.out, "the other part is not lost"
     assert "RuntimeError: out of order" in seen.err
-    monkeypatch.setattr(bench, "parts", lambda what: (("one", missing),))
+    monkeypatch.setitem(BENCHES, "kernel", lambda: Bench((("one", missing),)))
     assert main.main(["bench", "kernel"]) == 0
     assert main.main(["bench", "kernel", "--strict"]) == 1
 
@@ -283,7 +284,7 @@ def test_what_cannot_be_measured_fails_the_command(
 def test_a_page_is_checked_before_the_work_and_written_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(bench, "parts", lambda what: (("one", lambda _: Findings()),))
+    monkeypatch.setitem(BENCHES, "kernel", lambda: Bench((("one", lambda _: Findings()),)))
     page = tmp_path / "page.md"
     for there in (None, "no place for results"):
         if there is not None:
@@ -302,7 +303,7 @@ def test_sources_that_change_meanwhile_spoil_the_results(monkeypatch: pytest.Mon
         monkeypatch.setattr(machine, "sources", lambda: "others")
         return Findings()
 
-    monkeypatch.setattr(bench, "parts", lambda what: (("one", edit),))
+    monkeypatch.setitem(BENCHES, "kernel", lambda: Bench((("one", edit),)))
     assert main.main(["bench", "kernel"]) == 1
 
 

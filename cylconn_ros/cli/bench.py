@@ -29,40 +29,23 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cylconn_ros.cli import reliability, scenes
+from cylconn_ros.cli import scenes
+from cylconn_ros.cli.benches import BENCHES, Bench
 from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.cli.processes import private_environment
-from cylconn_ros.cli.progress import Progress
 from cylconn_ros.connector.scene import Scene, load
 
 if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
     from cylconn_ros.bench.results import Findings, Report
     from cylconn_ros.bench.settings import Settings
 
-    Part = Callable[[Settings], Findings]
-
-
-WHAT = (
-    "kernel",
-    "orders",
-    "precision",
-    "model",
-    "stability",
-    "node",
-    "connectors",
-    "replay",
-    "faults",
-    "soak",
-)
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("what", choices=WHAT, help="what to measure")
+    parser.add_argument("what", choices=BENCHES, help="what to measure")
     parser.add_argument("--quick", action="store_true", help="the short form; rough numbers")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
@@ -90,21 +73,21 @@ def run(options: argparse.Namespace) -> int:
 
     command = f"cylconn bench {options.what}"
     _check_files(options, command)
+    bench = BENCHES[options.what]()
     if options.kept is not None:
         report = _read(options.kept, command)
     else:
-        report = _measured(options, command)
-    bodies = _bodies()
-    text = reports.text(report, bodies.get(options.what))
+        report = _measured(bench, options, command)
+    text = reports.text(report, bench.body)
     encoding = sys.stdout.encoding or "ascii"
     print(text.encode(encoding, "replace").decode(encoding))
-    _keep(options, command, text, report)
+    _keep(bench, options, command, text, report)
     for gap in report.failed:
         print(f"could not be measured: {gap.contestant}: {gap.reason}", file=sys.stderr)
     return int(bool(report.failed) or (options.strict and bool(report.missed)))
 
 
-def _measured(options: argparse.Namespace, command: str) -> Report:
+def _measured(bench: Bench, options: argparse.Namespace, command: str) -> Report:
     """All parts, and whether the sources stayed as they were."""
     from cylconn_ros.bench import machine
     from cylconn_ros.bench.results import Gap, Report
@@ -113,7 +96,7 @@ def _measured(options: argparse.Namespace, command: str) -> Report:
     settings = (Settings.short if options.quick else Settings)(_bundled)
     settings = dataclasses.replace(settings, samples=options.samples)
     report = Report(command + (" --quick" if options.quick else ""), settings.described())
-    for name, part in parts(options.what):
+    for name, part in bench.parts:
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         report.findings.add(attempt(name, part, settings))
     if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
@@ -137,39 +120,13 @@ def _read(file: Path, command: str) -> Report:
     return report
 
 
-def _bodies() -> dict[str, Callable[[Findings], str]]:
-    """What shows the measurements, where that is not a table a problem."""
-    from cylconn_ros.bench import model, precision_text
-    from cylconn_ros.bench import report as reports
-
-    return {
-        "orders": reports.orders,
-        "precision": precision_text.body,
-        "model": model.text,
-        "stability": _map,
-        "faults": _faults,
-    }
-
-
-def _faults(found: Findings) -> str:
-    from cylconn_ros.bench.faults import show
-
-    return show.body(found)
-
-
-def _map(found: Findings) -> str:
-    from cylconn_ros.bench.stability import show  # not before it is asked for: SciPy
-
-    return show.body(found)
-
-
 def _check_files(options: argparse.Namespace, command: str) -> None:
     """Refuse before the work what would be refused after it."""
     from cylconn_ros.bench.document import replaced
 
     output: Path | None = options.output
     page: Path | None = options.document
-    if options.pictures is not None and options.what not in ("precision", "stability"):
+    if options.pictures is not None and BENCHES[options.what]().draw is None:
         raise CommandError("--pictures: only precision and stability have pictures")
     if output is not None:
         if output.suffix != ".json":
@@ -185,7 +142,9 @@ def _check_files(options: argparse.Namespace, command: str) -> None:
             raise CommandError(f"{page}: {error}") from None
 
 
-def _keep(options: argparse.Namespace, command: str, text: str, report: Report) -> None:
+def _keep(
+    bench: Bench, options: argparse.Namespace, command: str, text: str, report: Report
+) -> None:
     from cylconn_ros.bench.document import replaced
 
     output: Path | None = options.output
@@ -200,101 +159,17 @@ def _keep(options: argparse.Namespace, command: str, text: str, report: Report) 
             old = page.read_text(encoding="utf-8")
             page.write_text(replaced(old, command, text), encoding="utf-8")
             print(f"written into {page}")
-        if options.pictures is not None:
-            (_draw_map if options.what == "stability" else _draw)(options.pictures, report)
+        if options.pictures is not None and bench.draw is not None:
+            options.pictures.mkdir(parents=True, exist_ok=True)
+            files = bench.draw(options.pictures, report)
+            print("drawn: " + ", ".join(map(str, files)))
     except OSError as error:
         raise CommandError(f"{error.filename}: {error.strerror or error}") from None
-
-
-def _draw(folder: Path, report: Report) -> None:
-    """The picture, twice, and the interactive page."""
-    from cylconn_ros.bench import page, picture
-
-    folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"precision.{end}" for end in ("png", "svg", "html")]
-    try:
-        picture.draw(report.findings, files[:2])
     except ImportError as error:
         raise CommandError(f"--pictures: {error}; pip install '.[demo]' brings it") from None
-    files[2].write_text(page.page(report), encoding="utf-8")
-    print("drawn: " + ", ".join(map(str, files)))
 
 
-def _draw_map(folder: Path, report: Report) -> None:
-    """The heat map, twice."""
-    from cylconn_ros.bench.stability import show
-
-    folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"stability.{end}" for end in ("png", "svg")]
-    try:
-        show.save(report.findings, files)
-    except ImportError as error:
-        raise CommandError(f"--pictures: {error}; pip install '.[demo]' brings it") from None
-    print("drawn: " + ", ".join(map(str, files)))
-
-
-def parts(what: str) -> Sequence[tuple[str, Part]]:
-    """The parts of a benchmark with what they measure; imported when they are asked for."""
-    if what == "kernel":
-        from cylconn_ros.bench import accuracy, kernel, startup
-
-        return (
-            ("a step of every method, and MuJoCo's", kernel.measure),
-            ("start to first answer", startup.measure),
-            ("minimal and SciPy on slide and spin", accuracy.slide_and_spin),
-            ("minimal and MuJoCo's RK4 on two free bodies", accuracy.two_free_bodies),
-        )
-    if what == "precision":
-        from cylconn_ros.bench import precision
-
-        return (("everybody on every scene", precision.measure),)
-    if what == "model":
-        from cylconn_ros.bench import model
-
-        return (("the lean and the full model of every scene", model.measure),)
-    if what == "stability":
-        return (("everybody under every condition", _stability),)
-    if what == "node":
-        from cylconn_ros.bench import node
-
-        return (
-            (
-                "nodes asked in turns",
-                lambda settings: node.measure(settings, private_environment()),
-            ),
-        )
-    if what == "replay":
-        from cylconn_ros.cli import bench_replay
-
-        return (("recordings replayed", bench_replay.measure),)
-    if what == "connectors":
-        from cylconn_ros.bench import connectors
-
-        return (
-            (
-                "1, 10 and 100 connectors",
-                lambda settings: connectors.measure(settings, private_environment()),
-            ),
-        )
-    if what == "faults":
-        return (("faults of processes and messages", reliability.faults),)
-    if what == "soak":
-        return (("a node that records", reliability.soak),)
-    from cylconn_ros.bench import orders
-
-    return (("orders and costs of every method", orders.measure),)
-
-
-def _stability(settings: Settings) -> Findings:
-    """The map; the laws of every answer take most of the time and are left to the full form."""
-    from cylconn_ros.bench.stability import measure
-    from cylconn_ros.cli.lawful import broken
-
-    with Progress("stability") as bar:
-        return measure.measure(settings, bar, None if settings.quick else broken)
-
-
-def attempt(name: str, part: Part, settings: Settings) -> Findings:
+def attempt(name: str, part: Callable[[Settings], Findings], settings: Settings) -> Findings:
     """One part's findings; where it fails, that it did, so that the others are not lost."""
     from cylconn_ros.bench.results import Findings, Gap
 
