@@ -24,6 +24,7 @@ from cylconn_ros.connector.interrupting import interruptible
 from cylconn_ros.connector.parameters import SceneError
 from cylconn_ros.core.compiled import is_ready
 from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
+from cylconn_ros.ros.middleware import prefer_quiet_writers
 
 OK, FAILED, WRONG_USE = 0, 1, 2
 
@@ -80,6 +81,7 @@ def announce_compiling(entry: Callable[..., Any], say: Callable[[str], object]) 
 @contextlib.contextmanager
 def _context(arguments: Arguments) -> Iterator[None]:
     """A ROS context that outlives the first signal, so that last messages can be sent."""
+    prefer_quiet_writers()
     try:
         rclpy.init(args=arguments.ros, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # what rclpy makes of arguments that rcl refuses
