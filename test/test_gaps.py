@@ -1,6 +1,7 @@
 """Messages that never came are counted, and one that is left in its queue is not forgotten."""
 
 import signal
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -69,6 +70,41 @@ def test_what_rang_for_several_and_completes_nothing_is_taken_whole(silent_bells
     group.serve(1.0005)
     assert taken == [b"completes", b"again", b"completes"]
     assert group.due > 1.0005
+
+
+def test_between_close_samples_nobody_sleeps(silent_bells):
+    queue = Queue()
+    group = loop._Group(loop.Inputs([loop.Entry(queue, lambda data: data == b"completes")]), print)
+    awake = []
+    for now, data in (
+        (1.0, b"completes"),
+        (1.0001, b"completes"),  # as fast as it goes
+        (1.00011, b"completes nothing"),
+        (1.002, b"completes"),  # 500 samples a second may sleep
+        (1.00201, b"completes nothing"),  # messages of one sample are not close samples
+        (1.004, b"completes"),
+    ):
+        queue.waiting.append(data)
+        group.serve(now)
+        awake.append(group.awake)
+    assert awake == [0.0, pytest.approx(1.0001 + loop._CLOSE), 0.0, 0.0, 0.0, 0.0]
+
+
+def test_an_ear_looks_while_awake_and_sleeps_after_that():
+    ear, asked = bells.Ear(), []
+    ear._numbers[7] = 3
+
+    def poll(timeout):
+        asked.append(timeout)
+        return [(7, 1)] if len(asked) == 4 or timeout else []
+
+    ear._poll.close()
+    ear._poll = SimpleNamespace(poll=poll)
+    assert ear.wait(0.05, time.monotonic() + 60.0) == [3]
+    assert asked == [0.0] * 4
+    asked.clear()
+    assert ear.wait(0.05, time.monotonic() - 1.0) == ear.wait(0.05) == [3]
+    assert asked == [0.05, 0.05]
 
 
 def test_a_closed_terminal_ends_a_node_unless_it_is_ignored():

@@ -15,6 +15,7 @@ import ctypes
 import functools
 import os
 import select
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -77,10 +78,19 @@ class Ear:
         self._numbers[bell.descriptor] = number
         self._poll.register(bell.descriptor, select.EPOLLIN | select.EPOLLET)
 
-    def wait(self, timeout: float) -> list[int]:
-        """Numbers of the bells that have rung since the last time; waits up to ``timeout`` s."""
+    def wait(self, timeout: float, awake: float = 0.0) -> list[int]:
+        """Numbers of the bells that have rung since the last time; waits up to ``timeout`` s.
+
+        Until ``awake`` (s, steady clock) it looks again and again, giving way to others in between,
+        before it sleeps: to be woken on an idle processor takes longer than a short wait.
+        """
+        poll = self._poll.poll
+        rung: list[tuple[int, int]] = []
+        while not rung and time.monotonic() < awake:
+            os.sched_yield()
+            rung = poll(0.0)
         numbers = self._numbers
-        return [numbers[descriptor] for descriptor, _ in self._poll.poll(timeout)]
+        return [numbers[descriptor] for descriptor, _ in rung or poll(timeout)]
 
     def close(self) -> None:
         """Wait no more."""

@@ -5,7 +5,8 @@ what comes. Here the middleware rings a bell (ros/bells.py), one for every group
 whose messages make samples together, and bytes stay bytes. And as the messages of a sample mostly
 come in one order, a group's bell is tied to the one that completed its last sample, and the others
 are taken with it: the thread wakes once a sample instead of once a message. What comes seldom, and
-completes no sample, has a bell of its own, so that nobody asks for it in vain.
+completes no sample, has a bell of its own, so that nobody asks for it in vain. In a loop closed as
+fast as it goes, where one sample follows the other's answer, the thread stays awake for the next.
 
 This needs interfaces of rclpy that are not public. Where one is missing (:func:`missing` says
 which), the node's executor has to serve the subscriptions.
@@ -30,6 +31,7 @@ _IDLE = 0.05  # s between looks whether to end, while nothing is expected
 _LOOK = 0.005  # s between looks whether what is expected has come
 _PATIENCE = 4.0  # of the time between samples: then others may not pile up any more
 _LEAST, _MOST = 0.005, 1.0  # s, of that time
+_CLOSE = 0.0003  # s between samples, up to which sleeping in between is not worth it
 _THOROUGH = 16  # once in so many rounds everything that waits is taken, not one of each
 _ALL = 1000
 
@@ -112,6 +114,7 @@ class _Group:
         self._expected = False  # whether it rings for what comes next alone, and that is in time
         self._completed = 0.0
         self.due = 0.0  # when to look, though the bell has not rung; 0: it rings for all of them
+        self.awake = 0.0  # until when to wait for the next sample without sleeping
         self._tie(None)
 
     def _tie(self, last: int | None) -> None:
@@ -125,11 +128,12 @@ class _Group:
         if last != self._last:
             self._tie(last)
         if last is None:
-            self.due = 0.0
+            self.due = self.awake = 0.0
         else:
-            patience = _PATIENCE * (now - self._completed)
+            since = now - self._completed
             self._completed = now
-            self.due = now + min(max(patience, _LEAST), _MOST)
+            self.due = now + min(max(_PATIENCE * since, _LEAST), _MOST)
+            self.awake = now + _CLOSE if since < _CLOSE else 0.0
 
     def _take_queued(self, _caught: Callable[[Exception], object]) -> int | None:
         """Take what has come message by message; who completed the last sample."""
@@ -223,7 +227,8 @@ class Loop:
         looked, patience, due = 0.0, _IDLE, 0.0
         now = time.monotonic()
         while not self._ending:
-            rung = ear.wait(max(0.0, min(patience, due - now)))
+            awake = groups[0].awake if len(groups) == 1 else 0.0  # many are asked often, none fast
+            rung = ear.wait(max(0.0, min(patience, due - now)), awake)
             now = time.monotonic()
             for number in sorted(rung):  # what comes seldom first: it acts on the sample with it
                 with lock:

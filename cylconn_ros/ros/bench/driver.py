@@ -25,6 +25,7 @@ from cylconn_ros.ros.message_types import message_class
 
 _QUEUE = QoSProfile(depth=2000)  # reliable; what is lost is lost by a contestant
 _SOON = 5_000_000  # ns
+_AWAKE = 0.001  # s of looking for an answer in the closed loop, before sleeping; all answer sooner
 _PATIENCE = 2.0  # s for answers after the last sample was sent
 _MEETING = 300.0  # s for a contestant to appear; the first start ever compiles
 
@@ -67,9 +68,12 @@ class Contestant:
             s.get_publisher_count() for s in self._outputs
         )
 
-    def take(self, timeout: int) -> list[int]:
-        """Stamps of the answers that come within ``timeout`` ns or soon, one for each message."""
-        self._ear.wait(min(timeout, _SOON) * 1e-9)
+    def take(self, timeout: int, awake: float = 0.0) -> list[int]:
+        """Stamps of the answers that come within ``timeout`` ns or soon, one for each message.
+
+        ``awake``: s of that time, until which it does not sleep.
+        """
+        self._ear.wait(min(timeout, _SOON) * 1e-9, time.monotonic() + awake)
         return self._exchange.take()
 
 
@@ -96,7 +100,7 @@ def measure(contestant: Contestant, pid: int, rate: float, samples: int) -> dict
             left.clear()  # lost; a closed loop goes on with the next
             continue
         until = begin + count * gap if rate and count < samples else deadline
-        for stamp in contestant.take(max(1000, until - now)):
+        for stamp in contestant.take(max(1000, until - now), 0.0 if rate else _AWAKE):
             if stamp in left:
                 left[stamp] -= 1
                 if not left[stamp]:
