@@ -166,7 +166,7 @@ def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list,
 
     def answered(samples: int) -> None:
         gone[0] += samples
-        stamp, before, begun = way.told[straight.STAMP : straight.STAMP + 3].tolist()
+        stamp, before, begun = way.told[straight.STAMP : straight.STAMP + 3]
         answering.went_on(stamp, before if begun else None, samples)
 
     def receive(name: str, data: bytes) -> bool:

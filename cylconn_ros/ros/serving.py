@@ -119,7 +119,7 @@ class Served:
         """Take note of samples that were answered and published."""
         assert self.answering is not None
         assert self._straight is not None
-        stamp, before, begun, unsent = self._straight.told[straight.STAMP :].tolist()[:4]
+        stamp, before, begun, unsent = self._straight.told[straight.STAMP : straight.UNSENT + 1]
         self.answering.went_on(stamp, before if begun else None, samples)
         if unsent:
             self._straight.told[straight.UNSENT] = 0
