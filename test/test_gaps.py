@@ -1,12 +1,11 @@
 """Messages that never came are counted, and one that is left in its queue is not forgotten."""
 
-import signal
 import time
 from types import SimpleNamespace
 
 import pytest
 
-from cylconn_ros.ros import bells, loop, process, qos
+from cylconn_ros.ros import bells, loop, qos
 from cylconn_ros.ros.gaps import Gaps
 
 
@@ -105,12 +104,3 @@ def test_an_ear_looks_while_awake_and_sleeps_after_that():
     asked.clear()
     assert ear.wait(0.05, time.monotonic() - 1.0) == ear.wait(0.05) == [3]
     assert asked == [0.05, 0.05]
-
-
-def test_a_closed_terminal_ends_a_node_unless_it_is_ignored():
-    assert signal.SIGHUP in process._ending()
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        assert signal.SIGHUP not in process._ending()
-    finally:
-        signal.signal(signal.SIGHUP, before)

@@ -211,7 +211,6 @@ class ConnectorNode(LifecycleNode):
         """Shut down in order: zero wrenches, recording, publishers."""
         if self.state != "finalized":
             self.trigger_shutdown()
-        self.destroy_node()
 
     def _transition(self, to: str, state: LifecycleState, *steps: Any) -> TransitionCallbackReturn:
         """Take steps; a failure is logged and leaves the node where it was."""

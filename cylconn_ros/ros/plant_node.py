@@ -211,7 +211,7 @@ class PlantNode(Node):
         return False
 
     def finish(self) -> None:
-        """Sum up and release everything."""
+        """Sum up."""
         self._say_progress()
         wall = time.monotonic() - self._begin if self._steps else 0.0
         counts = self.counts
@@ -223,7 +223,6 @@ class PlantNode(Node):
             f"ignored {counts.ignored}, undecodable {counts.undecodable}",
             flush=True,
         )
-        self.destroy_node()
 
     def _say_progress(self) -> None:
         if self._settings.progress and self._total is not None:

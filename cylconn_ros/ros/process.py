@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import gc
 import signal
 import sys
@@ -27,6 +28,7 @@ from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
 from cylconn_ros.ros.middleware import prefer_quiet_writers
 
 OK, FAILED, WRONG_USE = 0, 1, 2
+_LETTING_GO = 30.0  # s for what takes some ms
 
 
 class Served(Protocol):
@@ -38,7 +40,7 @@ class Served(Protocol):
         """Take note of what a callback raised; whether to go on."""
 
     def finish(self) -> None:
-        """Send what is to be sent last and release everything; the context is still valid."""
+        """Send and write what is to be last; node and context are still valid."""
 
 
 def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str] | None) -> int:
@@ -89,7 +91,26 @@ def _context(arguments: Arguments) -> Iterator[None]:
     try:
         yield
     finally:
-        rclpy.try_shutdown()
+        with _not_for_ever():
+            rclpy.try_shutdown()
+
+
+@contextlib.contextmanager
+def _not_for_ever() -> Iterator[None]:
+    """Leave the process where the middleware does not let go within the block.
+
+    With exit code 1, and what every thread does on stderr. No thread of Python's could do that, as
+    the one that hangs may hold the interpreter.
+    """
+    try:
+        faulthandler.dump_traceback_later(_LETTING_GO, exit=True)
+    except (AttributeError, OSError, ValueError):  # nowhere to write to
+        yield
+        return
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 def _spin(executor: Any, node: Served) -> None:
@@ -133,7 +154,9 @@ def _serve(node: Node) -> int:
             signal.signal(s, signal.SIG_IGN)
         executor.remove_node(node)
         node.finish()
-        executor.shutdown()
+        with _not_for_ever():
+            node.destroy_node()
+            executor.shutdown()
         for s, handler in previous.items():
             signal.signal(s, handler)
     return done.result() if done.done() else OK
