@@ -72,21 +72,22 @@ def test_what_rang_for_several_and_completes_nothing_is_taken_whole(silent_bells
 
 
 def test_between_close_samples_nobody_sleeps(silent_bells):
-    queue = Queue()
+    queue, now = Queue(), 1.0
     group = loop._Group(loop.Inputs([loop.Entry(queue, lambda data: data == b"completes")]), print)
-    awake = []
-    for now, data in (
-        (1.0, b"completes"),
-        (1.0001, b"completes"),  # as fast as it goes
-        (1.00011, b"completes nothing"),
-        (1.002, b"completes"),  # 500 samples a second may sleep
-        (1.00201, b"completes nothing"),  # messages of one sample are not close samples
-        (1.004, b"completes"),
-    ):
+
+    def awake(after, data=b"completes"):
+        nonlocal now
+        now += after
         queue.waiting.append(data)
         group.serve(now)
-        awake.append(group.awake)
-    assert awake == [0.0, pytest.approx(1.0001 + loop._CLOSE), 0.0, 0.0, 0.0, 0.0]
+        return group.awake
+
+    assert not any(awake(0.002) or awake(1e-6, b"part of one") for _ in range(20))  # 500 a second
+    assert not any(awake(0.0009) or awake(0.0001) for _ in range(20))  # two at a time
+    assert not any(awake(0.0001) for _ in range(loop._IN_A_ROW - 1))
+    assert awake(0.0001) == pytest.approx(now + loop._CLOSE)
+    assert awake(0.0001) == pytest.approx(now + loop._CLOSE)
+    assert not awake(0.002)
 
 
 def test_an_ear_looks_while_awake_and_sleeps_after_that():

@@ -32,6 +32,7 @@ _LOOK = 0.005  # s between looks whether what is expected has come
 _PATIENCE = 4.0  # of the time between samples: then others may not pile up any more
 _LEAST, _MOST = 0.005, 1.0  # s, of that time
 _CLOSE = 0.0003  # s between samples, up to which sleeping in between is not worth it
+_IN_A_ROW = 8  # of them, or it was a few that had piled up
 _THOROUGH = 16  # once in so many rounds everything that waits is taken, not one of each
 _ALL = 1000
 
@@ -115,6 +116,7 @@ class _Group:
         self._completed = 0.0
         self.due = 0.0  # when to look, though the bell has not rung; 0: it rings for all of them
         self.awake = 0.0  # until when to wait for the next sample without sleeping
+        self._close = 0  # samples in a row that followed closely
         self._tie(None)
 
     def _tie(self, last: int | None) -> None:
@@ -128,12 +130,13 @@ class _Group:
         if last != self._last:
             self._tie(last)
         if last is None:
-            self.due = self.awake = 0.0
+            self.due = self.awake = 0.0  # part of a sample: what is close is not the next one
         else:
             since = now - self._completed
             self._completed = now
             self.due = now + min(max(_PATIENCE * since, _LEAST), _MOST)
-            self.awake = now + _CLOSE if since < _CLOSE else 0.0
+            self._close = self._close + 1 if since < _CLOSE else 0
+            self.awake = now + _CLOSE if self._close >= _IN_A_ROW else 0.0
 
     def _take_queued(self, _caught: Callable[[Exception], object]) -> int | None:
         """Take what has come message by message; who completed the last sample."""
