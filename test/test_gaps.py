@@ -84,6 +84,7 @@ def test_between_close_samples_nobody_sleeps(silent_bells):
 
     assert not any(awake(0.002) or awake(1e-6, b"part of one") for _ in range(20))  # 500 a second
     assert not any(awake(0.0009) or awake(0.0001) for _ in range(20))  # two at a time
+    assert not awake(0.002)
     assert not any(awake(0.0001) for _ in range(loop._IN_A_ROW - 1))
     assert awake(0.0001) == pytest.approx(now + loop._CLOSE)
     assert awake(0.0001) == pytest.approx(now + loop._CLOSE)
