@@ -230,7 +230,7 @@ class Loop:
         looked, patience, due = 0.0, _IDLE, 0.0
         now = time.monotonic()
         while not self._ending:
-            awake = groups[0].awake if len(groups) == 1 else 0.0  # many are asked often, none fast
+            awake = groups[0].awake if len(groups) == 1 else 0.0  # several ring often, close or not
             rung = ear.wait(max(0.0, min(patience, due - now)), awake)
             now = time.monotonic()
             for number in sorted(rung):  # what comes seldom first: it acts on the sample with it

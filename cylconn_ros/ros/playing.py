@@ -23,6 +23,7 @@ from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.ros import qos
 from cylconn_ros.ros.answering import JOINT_STATE, ODOMETRY, POSE, TWIST, WRENCH
 from cylconn_ros.ros.message_types import message_class
+from cylconn_ros.ros.middleware import prefer_quiet_writers
 
 PLAYED = {POSE: ("/pose",), TWIST: ("/twist",), ODOMETRY: (), WRENCH: ("/load",),
           JOINT_STATE: ("/command",)}  # fmt: skip
@@ -92,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Play a recording; 0 if all of it went out to somebody."""
     given = list(sys.argv if arguments is None else ["play", *arguments])
     options = _parser().parse_args(rclpy.utilities.remove_ros_args(given)[1:])
+    prefer_quiet_writers()
     rclpy.init(args=given)
     node = rclpy.create_node("player")
     try:
