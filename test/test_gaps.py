@@ -91,7 +91,7 @@ def test_between_close_samples_nobody_sleeps(silent_bells):
     assert not awake(0.002)
 
 
-def test_an_ear_looks_while_awake_and_sleeps_after_that():
+def test_an_ear_looks_while_awake_and_sleeps_after_that(monkeypatch):
     ear, asked = bells.Ear(), []
     ear._numbers[7] = 3
 
@@ -100,7 +100,7 @@ def test_an_ear_looks_while_awake_and_sleeps_after_that():
         return [(7, 1)] if len(asked) == 4 or timeout else []
 
     ear._poll.close()
-    ear._poll = SimpleNamespace(poll=poll)
+    monkeypatch.setattr(ear, "_poll", SimpleNamespace(poll=poll))
     assert ear.wait(0.05, time.monotonic() + 60.0) == [3]
     assert asked == [0.0] * 4
     asked.clear()
