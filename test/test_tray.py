@@ -1,4 +1,4 @@
-"""Messages copied into trays: by Python and by compiled code alike, and what happens when full."""
+"""Messages copied into trays, by Python and by compiled code, and trays into chunks of a file."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core.compiled import entry
 from cylconn_ros.recording import writer as writer_module
+from cylconn_ros.recording.container import Container
 from cylconn_ros.recording.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.put import put
@@ -265,3 +266,25 @@ def test_many_threads_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     for topic in TOPICS:
         expected = [(k, k, topic.name.encode() * 20) for k in range(500)]
         assert list(run.raw(topic.name)) == expected
+
+
+def test_the_index_of_many_chunks_is_whole(tmp_path: Path) -> None:
+    file = Container(tmp_path / "many.mcap", "zstd")
+    channel = file.add_channel("/a", file.add_schema("std_msgs/msg/Empty", ""), {})
+    tray = Tray(1 << 12, np.zeros((2, 2), np.int64))
+    for k in range(300):
+        assert tray.put(channel, bytes([0, 1, 0, 0, k % 256]), k, k)
+        file.add_chunk(*tray.held())
+        tray.clear()
+    file.finish()
+    file.close()
+    with (tmp_path / "many.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 300
+        times = [message.log_time for _, _, message in reader.iter_messages()]
+        assert times == list(range(300))
+        some = reader.iter_messages(start_time=126, end_time=131)
+        assert [message.data[-1] for _, _, message in some] == [126, 127, 128, 129, 130]

@@ -46,9 +46,33 @@ _CHUNK_INDEX = struct.Struct("<BQQQQQI")
 _PLACE = struct.Struct("<HQ")  # channel, where its index is
 _SIZES = struct.Struct("<QQ")  # of the chunk's records, in the file and as they are
 _LONG, _SHORT = struct.Struct("<Q"), struct.Struct("<I")
+_TOGETHER = 128  # indexes of chunks that are kept as one packed piece
 
 
 Buffer = bytes | bytearray | memoryview
+
+
+class _Kept:
+    """Bytes that are not needed before the end, packed: there are more of them all the time."""
+
+    def __init__(self) -> None:
+        self._packed: list[bytes] = []
+        self._last: list[bytes] = []
+
+    def append(self, data: bytes) -> None:
+        self._last.append(data)
+        if len(self._last) == _TOGETHER:
+            self._packed.append(zlib.compress(b"".join(self._last), 1))
+            self._last = []
+
+    def __len__(self) -> int:
+        """How many were appended."""
+        return _TOGETHER * len(self._packed) + len(self._last)
+
+    def __iter__(self) -> Iterator[bytes]:
+        """All of them in order, in pieces of one or more."""
+        yield from map(zlib.decompress, self._packed)
+        yield from self._last
 
 
 class Container:
@@ -66,7 +90,7 @@ class Container:
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[Buffer] = []  # their index, as it will stand in the file
+        self._chunks = _Kept()  # their index, as it will stand in the file
         self._times = (1 << 64) - 1, 0  # first and last log time, ns
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
@@ -159,13 +183,14 @@ class Container:
         begin = self.size + 13  # behind the end of the data
         summary = bytearray()
         offsets: list[SummaryOffset] = []
-        for code, records in (
+        kinds: Sequence[tuple[int, Iterable[Buffer]]] = (
             (Opcode.SCHEMA, _bytes(self._schemas)),
             (Opcode.CHANNEL, _bytes(self._channels)),
             (Opcode.STATISTICS, _bytes([self._statistics()])),
             (Opcode.CHUNK_INDEX, self._chunks),
             (Opcode.METADATA_INDEX, _bytes(self._metadata)),
-        ):
+        )
+        for code, records in kinds:
             at = begin + len(summary)
             for data in records:
                 summary += data
