@@ -284,7 +284,5 @@ def test_the_index_of_many_chunks_is_whole(tmp_path: Path) -> None:
         assert summary is not None
         assert summary.statistics is not None
         assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 300
-        times = [message.log_time for _, _, message in reader.iter_messages()]
-        assert times == list(range(300))
-        some = reader.iter_messages(start_time=126, end_time=131)
-        assert [message.data[-1] for _, _, message in some] == [126, 127, 128, 129, 130]
+        found = [(message.log_time, message.data[-1]) for _, _, message in reader.iter_messages()]
+        assert found == [(k, k % 256) for k in range(300)]

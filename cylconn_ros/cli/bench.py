@@ -72,8 +72,8 @@ def run(options: argparse.Namespace) -> int:
     from cylconn_ros.bench import report as reports
 
     command = f"cylconn bench {options.what}"
-    _check_files(options, command)
     bench = BENCHES[options.what]()
+    _check_files(bench, options, command)
     if options.kept is not None:
         report = _read(options.kept, command)
     else:
@@ -120,13 +120,13 @@ def _read(file: Path, command: str) -> Report:
     return report
 
 
-def _check_files(options: argparse.Namespace, command: str) -> None:
+def _check_files(bench: Bench, options: argparse.Namespace, command: str) -> None:
     """Refuse before the work what would be refused after it."""
     from cylconn_ros.bench.document import replaced
 
     output: Path | None = options.output
     page: Path | None = options.document
-    if options.pictures is not None and BENCHES[options.what]().draw is None:
+    if options.pictures is not None and bench.draw is None:
         raise CommandError("--pictures: only precision and stability have pictures")
     if output is not None:
         if output.suffix != ".json":

@@ -101,13 +101,10 @@ def _not_for_ever() -> Iterator[None]:
 
     With exit code 1, and what every thread does on stderr. Fast DDS may lock up where peers leave
     while a topic is given back (its issues 6193 and 6502). No thread of Python's could see to this,
-    as the one that hangs holds the interpreter.
+    as the one that hangs may hold the interpreter.
     """
-    try:
+    with contextlib.suppress(AttributeError, OSError, RuntimeError, ValueError):  # no stderr
         faulthandler.dump_traceback_later(_LETTING_GO, exit=True)
-    except (AttributeError, OSError, RuntimeError, ValueError):  # nowhere to write to
-        yield
-        return
     try:
         yield
     finally:
