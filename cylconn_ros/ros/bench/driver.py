@@ -25,7 +25,7 @@ from cylconn_ros.ros.message_types import message_class
 
 _QUEUE = QoSProfile(depth=2000)  # reliable; what is lost is lost by a contestant
 _SOON = 5_000_000  # ns
-_AWAKE = 0.001  # s of looking for an answer in the closed loop, before sleeping; all answer sooner
+_AWAKE = 0.001  # s of looking for an answer in the closed loop; most of everybody's come sooner
 _PATIENCE = 2.0  # s for answers after the last sample was sent
 _MEETING = 300.0  # s for a contestant to appear; the first start ever compiles
 
