@@ -234,8 +234,8 @@ setup(
     extras_require={"fast": FAST, "demo": DEMO, "bench": BENCH, "peers": PEERS, "test": TEST},
     entry_points={
         "console_scripts": [
-            f"connector = {NAME}.ros.connector_node:main",
-            f"plant = {NAME}.ros.plant_node:main",
+            f"connector = {NAME}.ros.connector.node:main",
+            f"plant = {NAME}.ros.plant.node:main",
             f"cylconn = {NAME}.cli.main:main",
         ]
     },

@@ -1,10 +1,10 @@
 # One ctest per test file, run in the build tree so that the installed package is the one tested.
-# test_packaging.py is left out: it runs colcon itself (`make test` has it).
+# test/test_packaging.py is left out: it runs colcon itself (`make test` has it).
 find_package(ament_cmake_pytest REQUIRED)
 
-file(GLOB test_files CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR}/test
+file(GLOB_RECURSE test_files CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR}/test
   ${CMAKE_CURRENT_SOURCE_DIR}/test/test_*.py)
-list(REMOVE_ITEM test_files test_packaging.py)
+list(REMOVE_ITEM test_files test/test_packaging.py)
 
 foreach(file IN LISTS test_files)
   get_filename_component(name ${file} NAME_WE)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cylconn_ros.cli.processes import private_environment
+from cylconn_ros.process.child import private_environment
 
 # Tests that start processes must not meet other ROS programs, nor leave shared memory behind.
 os.environ.update(private_environment())

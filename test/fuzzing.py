@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.connector.scene import Scene, several
-from cylconn_ros.connector.scene_file import dump, load_parameters, scene_part
-from cylconn_ros.ros import cdr, commands
-from cylconn_ros.ros.answering import COMMAND, Answering
-from cylconn_ros.ros.cdr_writers import JointStateWriter, OdometryWriter, StampedWriter
+from cylconn_ros.errors import SceneError
+from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.messages.cdr_encoder import JointStateWriter, OdometryWriter, StampedWriter
+from cylconn_ros.messages.pipeline import COMMAND, Answering
+from cylconn_ros.scene.parameter_file import dump, load_parameters, scene_part
+from cylconn_ros.scene.scene import Scene, several
 
-CONFIG = Path(__file__).resolve().parent.parent / "config"
 MS = 1_000_000
 SCENE = {
     "node_a.orientation": [0, 0, 0, 1],
@@ -39,16 +38,18 @@ def messages(stamp: int) -> dict[str, bytes]:
         "body_b/twist": StampedWriter("world").write(stamp, six),
         "body_b/load": StampedWriter("body_b").write(stamp, six),
         "body_b/odom": OdometryWriter("world", "body_b").write(stamp, pose, six),
-        COMMAND: JointStateWriter("", commands.COMPONENTS).write(stamp, (0.1, 0), (0, 0), (0, 0)),
+        COMMAND: JointStateWriter("", joint_command.COMPONENTS).write(
+            stamp, (0.1, 0), (0, 0), (0, 0)
+        ),
     }
 
 
 READERS: dict[str, Callable[[bytes], Any]] = {
-    "body_b/pose": cdr.read_pose,
-    "body_b/twist": cdr.read_twist,
-    "body_b/load": cdr.read_wrench,
-    "body_b/odom": cdr.read_odometry,
-    COMMAND: cdr.read_joint_state,
+    "body_b/pose": cdr_decoder.read_pose,
+    "body_b/twist": cdr_decoder.read_twist,
+    "body_b/load": cdr_decoder.read_wrench,
+    "body_b/odom": cdr_decoder.read_odometry,
+    COMMAND: cdr_decoder.read_joint_state,
 }
 
 
@@ -73,8 +74,8 @@ def damaged(data: bytes, orders: bytes) -> bytes:
 
 def reading(data: bytes) -> None:
     """Any bytes are a message or a CdrError; what is a message is read within its bytes."""
-    for read in (*READERS.values(), cdr.read_stamp):
-        with contextlib.suppress(cdr.CdrError):
+    for read in (*READERS.values(), cdr_decoder.read_stamp):
+        with contextlib.suppress(cdr_decoder.CdrError):
             read(data)
     if not data:
         return
@@ -83,12 +84,12 @@ def reading(data: bytes) -> None:
     near = damaged(messages(7 * MS)[kind], data[1:])
     try:
         found = READERS[kind](near)
-    except cdr.CdrError:
+    except cdr_decoder.CdrError:
         return
     if kind == "body_b/pose" and near[:4] == b"\x00\x01\x00\x00":  # read again from what it says
         again = StampedWriter(found.frame, 7).write(found.stamp, np.array(found.values))
         if "�" not in found.frame and "\0" not in found.frame:
-            assert repr(cdr.read_pose(again)) == repr(found)
+            assert repr(cdr_decoder.read_pose(again)) == repr(found)
 
 
 @functools.cache
@@ -120,7 +121,7 @@ class Served:
         answer = self.answering.inputs[name].receive(data)
         if answer is not None:
             for wrench in (answer.wrench_a, answer.wrench_b):
-                values = cdr.read_wrench(wrench).values
+                values = cdr_decoder.read_wrench(wrench).values
                 assert all(map(math.isfinite, values)), values
 
 

@@ -9,7 +9,8 @@ import venv
 from collections.abc import Mapping
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from paths import ROOT
+
 LEFT_BEHIND = (".*", "build", "install", "log", "dist", "runs", "*.egg-info", "__pycache__")
 
 

@@ -2,16 +2,15 @@
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from paths import CONFIG
 
-from cylconn_ros.connector.scene import Scene, load
+from cylconn_ros.scene.scene import Scene, load
 
 Array = NDArray[np.float64]
-CONFIG = Path(__file__).resolve().parent.parent / "config"
 SKEW = [0.010, 0.001, 0.0005, 0.020, 0.0008, 0.018]  # kg.m^2 per kg: no principal axes
 
 

@@ -34,13 +34,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cylconn_ros.cli import scenes
-from cylconn_ros.cli.benches import BENCHES, Bench
-from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.connector.scene import Scene, load
+from cylconn_ros.cli.benchmarks import BENCHES, Bench
+from cylconn_ros.errors import CommandError
+from cylconn_ros.scene.scene import Scene, load
 
 if TYPE_CHECKING:  # measuring imports the compiler, which --help can do without
-    from cylconn_ros.bench.results import Findings, Report
-    from cylconn_ros.bench.settings import Settings
+    from cylconn_ros.bench.common.results import Findings, Report
+    from cylconn_ros.bench.common.settings import Settings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Measure, print and keep."""
-    from cylconn_ros.bench import report as reports
+    from cylconn_ros.bench.common import report as reports
 
     command = f"cylconn bench {options.what}"
     bench = BENCHES[options.what]()
@@ -89,9 +89,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _measured(bench: Bench, options: argparse.Namespace, command: str) -> Report:
     """All parts, and whether the sources stayed as they were."""
-    from cylconn_ros.bench import machine
-    from cylconn_ros.bench.results import Gap, Report
-    from cylconn_ros.bench.settings import Settings
+    from cylconn_ros.bench.common import machine
+    from cylconn_ros.bench.common.results import Gap, Report
+    from cylconn_ros.bench.common.settings import Settings
 
     settings = (Settings.short if options.quick else Settings)(_bundled)
     settings = dataclasses.replace(settings, samples=options.samples)
@@ -107,10 +107,10 @@ def _measured(bench: Bench, options: argparse.Namespace, command: str) -> Report
 
 def _read(file: Path, command: str) -> Report:
     """Results kept before, of the same command."""
-    from cylconn_ros.bench import kept
+    from cylconn_ros.bench.common import results_kept
 
     try:
-        report = kept.read(file)
+        report = results_kept.read(file)
     except OSError as error:
         raise CommandError(f"{file}: {error.strerror or error}") from None
     except ValueError as error:
@@ -122,7 +122,7 @@ def _read(file: Path, command: str) -> Report:
 
 def _check_files(bench: Bench, options: argparse.Namespace, command: str) -> None:
     """Refuse before the work what would be refused after it."""
-    from cylconn_ros.bench.document import replaced
+    from cylconn_ros.bench.common.report_document import replaced
 
     output: Path | None = options.output
     page: Path | None = options.document
@@ -145,7 +145,7 @@ def _check_files(bench: Bench, options: argparse.Namespace, command: str) -> Non
 def _keep(
     bench: Bench, options: argparse.Namespace, command: str, text: str, report: Report
 ) -> None:
-    from cylconn_ros.bench.document import replaced
+    from cylconn_ros.bench.common.report_document import replaced
 
     output: Path | None = options.output
     page: Path | None = options.document
@@ -171,7 +171,7 @@ def _keep(
 
 def attempt(name: str, part: Callable[[Settings], Findings], settings: Settings) -> Findings:
     """One part's findings; where it fails, that it did, so that the others are not lost."""
-    from cylconn_ros.bench.results import Findings, Gap
+    from cylconn_ros.bench.common.results import Findings, Gap
 
     try:
         return part(settings)

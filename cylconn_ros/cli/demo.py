@@ -18,12 +18,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cylconn_ros.cli import checks, judgement, scenes
-from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.cli.processes import Child, executable, private_environment
+from cylconn_ros.cli import checks, demo_checks, scenes
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.connector import scene_file
-from cylconn_ros.recording.reader import read_run
+from cylconn_ros.errors import CommandError
+from cylconn_ros.process.child import Child, executable, private_environment
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.scene import parameter_file
 
 _SCENE = "demo"
 _START_PATIENCE = 240.0  # s until the first progress: the first run ever compiles the physics
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
         plant=dataclasses.replace(scene.plant, lock_step=True, progress=True),
     )
     used = output / "scene.yaml"
-    used.write_text(scene_file.dump(scene), encoding="utf-8")
+    used.write_text(parameter_file.dump(scene), encoding="utf-8")
     if importlib.util.find_spec("numba") is None:
         print("numba is not installed: the same physics runs uncompiled, slower")
     restore = _end_on_terminate()
@@ -76,10 +76,10 @@ def run(options: argparse.Namespace) -> int:
     recording = _recording(output)
     run_ = read_run(recording)
     print("solving the scene independently, to compare …", file=sys.stderr, flush=True)
-    reference = judgement.reference(scene)
-    picture = judgement.draw(run_, scene, reference, output / "demo.png")
+    reference = demo_checks.reference(scene)
+    picture = demo_checks.draw(run_, scene, reference, output / "demo.png")
     print()
-    well = checks.show(judgement.judge(run_, scene, reference))
+    well = checks.show(demo_checks.judge(run_, scene, reference))
     for line in said:
         print(f"  {line}")
     print(f"\nrecorded run  {recording}\npicture       {picture}")

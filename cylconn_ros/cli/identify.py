@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.connector.scene import Scene, load
-from cylconn_ros.recording.reader import Run, read_run
+from cylconn_ros.errors import CommandError
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.scene.scene import Scene, load
 
 if TYPE_CHECKING:
     from cylconn_ros.identify.friction import Estimate, Identified
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate, and report as asked; 0 if the coefficient was found."""
     _check(options)
-    from cylconn_ros.identify.errors import IdentifyError
+    from cylconn_ros.errors import IdentifyError
     from cylconn_ros.identify.friction import identify
     from cylconn_ros.recording.samples import matched
 

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.results import FIELDS, Reduction, Results
-from cylconn_ros.connector.words import REGIMES
-from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.recording.reader import STAMP, Run, read_run
+from cylconn_ros.cli.summary import FIELDS, Reduction, Results
+from cylconn_ros.connector.enums import REGIMES
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.run import STAMP, Run, read_run
 from cylconn_ros.report.sparkline import BLOCKS, PLAIN, sparkline, strip
 
 Array = npt.NDArray[Any]

@@ -16,16 +16,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cylconn_ros.cli import lawful
 from cylconn_ros.cli import laws_report as report
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
+from cylconn_ros.errors import CommandError
+from cylconn_ros.laws import runs_recorded_or_simulated
 
 if TYPE_CHECKING:
-    from cylconn_ros.laws.judgement import Verdict
     from cylconn_ros.laws.order import Fit
-    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.laws.selection import Verdict
+    from cylconn_ros.laws.summary import Tally
 
 _ENOUGH = 100_000  # samples from which on shares of regimes are judged
 _STEERED_TO = "impulse"  # whose regimes the draw is steered to
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     if options.recording is not None:
         return _recorded(options)
     from cylconn_ros.laws.claims import CLAIMS
-    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.laws.summary import Tally
 
     if options.method not in CLAIMS:
         known = ", ".join(CLAIMS)
@@ -142,23 +142,23 @@ def run(options: argparse.Namespace) -> int:
 
 def _samples(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
     """Check the random samples, and the roots of as many of them as asked for."""
-    from cylconn_ros.laws import checks, judgement, sampling
+    from cylconn_ros.laws import residuals, sampling, selection
 
     if options.roots and options.method == "impulse":
-        found.verdict = judgement.Verdict()
+        found.verdict = selection.Verdict()
     if options.scene is not None:
         numbers = range(options.scene // sampling.BLOCK, options.scene // sampling.BLOCK + 1)
     else:
         numbers = range(sampling.blocks_for(options.samples) if options.samples else 0)
     total = len(numbers) * sampling.LENGTH
     for done, drawn in enumerate(_drawn(options, numbers)):
-        residuals = checks.check(drawn.block, options.method)
+        checked = residuals.check(drawn.block, options.method)
         rows = slice(None) if options.scene is None else drawn.number == options.scene
         where = (drawn.number[rows], drawn.chain[rows], drawn.place[rows])
-        chosen = {letter: values[rows] for letter, values in residuals.items()}
+        chosen = {letter: values[rows] for letter, values in checked.items()}
         found.random.add(chosen, drawn.block.out[rows], where)
         if found.verdict is not None and found.verdict.samples < options.roots:
-            found.verdict.add(judgement.judge(drawn.block), drawn.number, drawn.chain, drawn.place)
+            found.verdict.add(selection.judge(drawn.block), drawn.number, drawn.chain, drawn.place)
         bar(done + 1, total)
 
 
@@ -171,11 +171,11 @@ def _drawn(options: argparse.Namespace, numbers: range) -> Iterator:
 
 def _library(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
     """The method's own runs; of minimal also the motion that its wrenches are means of."""
-    from cylconn_ros.connector.installed import shipped_scenes
-    from cylconn_ros.connector.scene import load
-    from cylconn_ros.laws import checks, library
-    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.laws import library, residuals
+    from cylconn_ros.laws.summary import Tally
     from cylconn_ros.reference.library import LIBRARY
+    from cylconn_ros.scene.resources import shipped_scenes
+    from cylconn_ros.scene.scene import load
 
     files = shipped_scenes()
     asked = {name: load(files[name]) for name in LIBRARY}
@@ -184,7 +184,7 @@ def _library(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
     for done, (name, scene) in enumerate(scenes.items()):
         for block, index in library.run(scene, options.library).blocks():
             tally = Tally()
-            tally.add(checks.check(block, options.method), block.out, (index,))
+            tally.add(residuals.check(block, options.method), block.out, (index,))
             found.library.merge(tally.named(name))
         if options.method == "minimal":
             _instants(found, name, scene)
@@ -194,9 +194,9 @@ def _library(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
 def _instants(found: _Found, name: str, scene: object) -> None:
     import numpy as np
 
-    from cylconn_ros.connector.scene import Scene
     from cylconn_ros.laws import pointwise
-    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.laws.summary import Tally
+    from cylconn_ros.scene.scene import Scene
 
     assert isinstance(scene, Scene)
     residuals, momentum = pointwise.check(scene)
@@ -225,7 +225,9 @@ def _next(
 def _recorded(options: argparse.Namespace) -> int:
     """Check the samples of a recorded run."""
     with Progress("laws") as bar:
-        recorded, tally = lawful.checked(options.recording, bar, options.connector)
+        recorded, tally = runs_recorded_or_simulated.checked(
+            options.recording, bar, options.connector
+        )
     print(f"method {recorded.method}: {tally.samples} samples of {options.recording}\n")
     print("\n".join([*report.laws(tally, "sample"), *report.regimes(tally)]))
     if recorded.left_out:

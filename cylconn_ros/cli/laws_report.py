@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cylconn_ros.laws.judgement import Verdict
     from cylconn_ros.laws.order import Fit
-    from cylconn_ros.laws.tally import Tally
+    from cylconn_ros.laws.selection import Verdict
+    from cylconn_ros.laws.summary import Tally
 
 
 def laws(tally: Tally, place: str = "scene/start/place") -> list[str]:

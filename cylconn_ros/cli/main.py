@@ -8,10 +8,8 @@ import sys
 from collections.abc import Sequence
 
 import cylconn_ros
-from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.connector.interrupting import INTERRUPTED, interruptible
-from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.recording.errors import RecordingError
+from cylconn_ros.errors import CommandError, RecordingError, SceneError
+from cylconn_ros.process.interrupt import INTERRUPTED, interruptible
 
 COMMANDS = {
     "demo": "run plant and connector as two processes and judge the recorded run",

@@ -5,32 +5,32 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cylconn_ros.cli import lawful
-from cylconn_ros.cli.processes import private_environment
 from cylconn_ros.cli.progress import Progress
+from cylconn_ros.laws import runs_recorded_or_simulated
+from cylconn_ros.process.child import private_environment
 
 if TYPE_CHECKING:
-    from cylconn_ros.bench.results import Findings
-    from cylconn_ros.bench.settings import Settings
-    from cylconn_ros.bench.soak import Checked
+    from cylconn_ros.bench.common.results import Findings
+    from cylconn_ros.bench.common.settings import Settings
+    from cylconn_ros.bench.faults.soak_report import Checked
 
 
 def soak(settings: Settings) -> Findings:
     """A soak of as many samples as the settings say."""
-    from cylconn_ros.bench import soak
+    from cylconn_ros.bench.faults import soak_report
 
-    samples = settings.samples or (soak.QUICK if settings.quick else soak.SAMPLES)
+    samples = settings.samples or (soak_report.QUICK if settings.quick else soak_report.SAMPLES)
     with Progress("soak") as bar:
-        return soak.measure(samples, private_environment(), check, bar)
+        return soak_report.measure(samples, private_environment(), check, bar)
 
 
 def check(run: Path) -> Checked:
     """What the laws say of a recording."""
-    from cylconn_ros.bench.soak import Checked, Law
+    from cylconn_ros.bench.faults.soak_report import Checked, Law
     from cylconn_ros.laws.claims import TITLES
 
     with Progress("laws") as bar:
-        _, tally = lawful.checked(run, bar)
+        _, tally = runs_recorded_or_simulated.checked(run, bar)
     laws = [
         Law(f"{letter} {title}", law.samples, law.value, law.over)
         for letter, title in TITLES.items()

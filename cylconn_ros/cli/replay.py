@@ -21,16 +21,16 @@ import yaml
 
 import cylconn_ros
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.connector import many, scene_file
-from cylconn_ros.connector.scene import Scene
-from cylconn_ros.recording import connectors
+from cylconn_ros.errors import CommandError
+from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.writer import RunWriter
-from cylconn_ros.ros.comparing import Comparison, Topic
-from cylconn_ros.ros.replaying import Replay
-from cylconn_ros.ros.stretches import Stretch
+from cylconn_ros.replay.batches import Stretch
+from cylconn_ros.replay.compare import Comparison, Topic
+from cylconn_ros.replay.replay import Replay
+from cylconn_ros.scene import multiple, parameter_file
+from cylconn_ros.scene.scene import Scene
 
 _SHOWN = 6  # fields a topic
 
@@ -59,9 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay; 0 if all went well and, with --compare, nothing parts."""
     bag = Bag(options.bag, options.connector)
-    connectors.refuse_together(bag.texts, options.connector, "it cannot be replayed alone")
-    if connectors.names(bag.texts):
-        known = ", ".join(connectors.names(bag.texts))
+    connector_part.refuse_together(bag.texts, options.connector, "it cannot be replayed alone")
+    if connector_part.names(bag.texts):
+        known = ", ".join(connector_part.names(bag.texts))
         raise CommandError(f"{bag.path}: holds several connectors, {known}: choose one with "
                            "--connector NAME")  # fmt: skip
     scene = _scene(bag, options)
@@ -105,8 +105,8 @@ def _go(
             "node": replay.node,
             "method": replay.answering.connector.method,
             "model": replay.answering.connector.model,
-            "parameters": scene_file.dump(replay.scene),
-            "connectors": json.dumps({many.ONE: {"topics": {**replay.inputs, **replay.names}}}),
+            "parameters": parameter_file.dump(replay.scene),
+            "connectors": json.dumps({multiple.ONE: {"topics": {**replay.inputs, **replay.names}}}),
             "replayed": f"from {replay.bag.path.name}",
         }
         writer = RunWriter(output, replay.topics(), texts, replay.scene.record.compression)
@@ -151,12 +151,12 @@ def _scene(bag: Bag, options: argparse.Namespace) -> Scene:
     parameters: dict[str, Any] = {}
     node = bag.texts.get("node", "/connector")
     if "parameters" in bag.texts:
-        parameters.update(scene_file.parameters_of(bag.texts["parameters"]))
+        parameters.update(parameter_file.parameters_of(bag.texts["parameters"]))
     if options.params is not None:
         namespace, _, name = node.rpartition("/")
         parameters.update(
-            scene_file.scene_part(
-                scene_file.load_parameters(options.params, name, namespace or "/")
+            parameter_file.scene_part(
+                parameter_file.load_parameters(options.params, name, namespace or "/")
             )
         )
     for text in options.set:
@@ -164,7 +164,7 @@ def _scene(bag: Bag, options: argparse.Namespace) -> Scene:
         if not equals:
             raise CommandError(f"--set {text}: must be NAME=VALUE")
         try:
-            parameters[name.strip()] = scene_file.parse(value)
+            parameters[name.strip()] = parameter_file.parse(value)
         except yaml.YAMLError as error:
             raise CommandError(f"--set {text}: {error}") from None
     if not parameters:

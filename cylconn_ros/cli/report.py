@@ -14,9 +14,9 @@ import math
 from pathlib import Path
 
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.cli.results import FIELDS, Reduction, Results
-from cylconn_ros.recording.reader import Run, read_run
+from cylconn_ros.cli.summary import FIELDS, Reduction, Results
+from cylconn_ros.errors import CommandError
+from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.report import gather, page, payload
 from cylconn_ros.report.page import Fact
 

@@ -7,9 +7,9 @@ import dataclasses
 import math
 from pathlib import Path
 
-from cylconn_ros.cli.errors import CommandError
-from cylconn_ros.connector.installed import shipped_scenes
-from cylconn_ros.connector.scene import Scene, load
+from cylconn_ros.errors import CommandError
+from cylconn_ros.scene.resources import shipped_scenes
+from cylconn_ros.scene.scene import Scene, load
 
 bundled = shipped_scenes
 

@@ -19,15 +19,15 @@ import numpy as np
 
 import cylconn_ros
 from cylconn_ros.cli import checks, scenes
-from cylconn_ros.cli.errors import CommandError
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.results import reduce_states
-from cylconn_ros.connector import scene_file
-from cylconn_ros.connector.scene import Scene
-from cylconn_ros.connector.simulation import Run, simulate
+from cylconn_ros.cli.summary import reduce_states
 from cylconn_ros.core import layout
+from cylconn_ros.errors import CommandError
 from cylconn_ros.reference import library
+from cylconn_ros.scene import parameter_file
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.simulate import Run, simulate
 
 _ACCURATE = ("impulse", "minimal")
 _PICTURES = (".png", ".svg", ".pdf")
@@ -124,7 +124,7 @@ def _keep(result: Run, scene: Scene, output: Path) -> None:
         "version": cylconn_ros.__version__,
         "method": result.connector.method,
         "model": result.connector.model,
-        "parameters": scene_file.dump(scene),
+        "parameters": parameter_file.dump(scene),
     }
     if output.suffix == ".npz":
         arrays: dict[str, Any] = {"time": result.time, "motion": result.states, "out": result.outs}
@@ -141,9 +141,9 @@ def _keep(result: Run, scene: Scene, output: Path) -> None:
 
 def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]) -> None:
     """Write the messages the nodes would have exchanged; log times are the stamps."""
+    from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
     from cylconn_ros.recording.metadata import TopicInfo
     from cylconn_ros.recording.writer import RunWriter
-    from cylconn_ros.ros.cdr_writers import JointStateWriter, StampedWriter, StateWriter
 
     world = scene.world_frame
     topics = []
@@ -184,7 +184,7 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
 def _draw(
     result: Run, state: Mapping[str, np.ndarray], name: str, stop_time: float, path: Path
 ) -> None:
-    from cylconn_ros.plots.run_picture import draw_run, save_run
+    from cylconn_ros.report.picture import draw_run, save_run
 
     period = result.connector.scene.period
     figure = draw_run(

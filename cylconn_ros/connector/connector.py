@@ -6,12 +6,12 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector import series
-from cylconn_ros.connector.description import describe_model
-from cylconn_ros.connector.packing import choose_method, pack
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector import batch
 from cylconn_ros.core import layout, model
-from cylconn_ros.methods import step as methods
+from cylconn_ros.methods import dispatch as methods
+from cylconn_ros.scene.description import describe_model
+from cylconn_ros.scene.packing import choose_method, pack
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class Connector:
         method: the method that answers; what ``auto`` picked.
         model: one line saying what is modelled and what is left out.
 
-    Raises :class:`~cylconn_ros.connector.parameters.SceneError` for a scene that the method cannot
+    Raises :class:`~cylconn_ros.scene.schema.SceneError` for a scene that the method cannot
     serve.
     """
 
@@ -146,7 +146,7 @@ class Connector:
             for sample, h, out in zip(samples, since.tolist(), outs, strict=True):
                 self.step(sample, h, out)
         else:
-            series.run(self._method, self._par, self._mem, samples, since, self._period, outs)
+            batch.run(self._method, self._par, self._mem, samples, since, self._period, outs)
         return outs
 
 
@@ -154,6 +154,6 @@ def _steps_of(method: str) -> ModuleType:
     """The compiled entries of a method; minimal's, which take long to compile, only when asked."""
     if method != "minimal":
         return methods
-    from cylconn_ros.methods import minimal_step
+    from cylconn_ros.methods.minimal import entry
 
-    return minimal_step
+    return entry

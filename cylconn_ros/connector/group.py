@@ -10,15 +10,15 @@ The constrained rows of all (y, z and both swings of each) have the targets that
 
     R = P (b - G_ra phi)        R: f2 f3 m2 m3 of all; phi: f1 m1 of all; b = (target - J~ vf)/h
 
-P gives the least-norm solution (core/redundant.py) in the metric sum f^2 + (m / arm)^2: where
+P gives the least-norm solution (core/least_norm.py) in the metric sum f^2 + (m / arm)^2: where
 connectors hold a body more often than needed, the reactions are the smallest that do. What is left
-for each is the step of methods/available.py, in which the others' phi stands on the right:
+for each is the step of methods/free_axes.py, in which the others' phi stands on the right:
 
 1. With given limits of friction, the radii of the discs, they are solved in turns until nothing
    changes (block Gauss-Seidel): a convex problem.
 2. The limits are those of the reactions that come out, and 1 is done again until they agree.
 
-Both with Anderson's acceleration (core/fixed_point.py). So friction's limit grows with what it
+Both with Anderson's acceleration (core/anderson.py). So friction's limit grows with what it
 causes, from the last sample's forces or from none, and everybody's at once: in each other's turn a
 drawer on two slides would be jammed by the first before the second had its share.
 
@@ -33,15 +33,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector import common
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.fixed_point import Sooner
+from cylconn_ros.core.anderson import Sooner
 from cylconn_ros.core.friction import coefficient, contact, limit
-from cylconn_ros.core.redundant import directions, least, least_norm
-from cylconn_ros.methods import together
+from cylconn_ros.core.least_norm import directions, least, least_norm
+from cylconn_ros.errors import SceneError
+from cylconn_ros.methods import coupled
+from cylconn_ros.scene import shared_bodies
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -71,8 +71,8 @@ class Group:
     ) -> None:
         """``connectors``: of the scenes, to go on with their memories; by default new ones."""
         named = {f"connectors[{k}]": scene for k, scene in enumerate(scenes)}
-        common.check(named)
-        if len(common.groups(named)) > 1:
+        shared_bodies.check(named)
+        if len(shared_bodies.groups(named)) > 1:
             raise SceneError("connectors of a group must have bodies in common")
         self.connectors = list(connectors or [Connector(scene) for scene in scenes])
         self.turns, self.change = 0, 0.0
@@ -89,8 +89,8 @@ class Group:
         self._laws = [model.law(connector.par) for connector in self.connectors]
         self._radii = np.array([a for s in scenes for a in (1.0, _radius(s))])
         self._masses = {b.frame: b.mass for s in scenes for b in s.bodies if b.kind == "free"}
-        self._looked = np.zeros((n, together.NLOOKED))
-        self._given = np.zeros((n, together.NGIVEN))
+        self._looked = np.zeros((n, coupled.NLOOKED))
+        self._given = np.zeros((n, coupled.NGIVEN))
         self._trial = np.zeros((n, layout.NOUT))
         self._phi: Array = np.zeros(2 * n)  # f1, m1 of all
 
@@ -113,7 +113,7 @@ class Group:
             return outs
         h = min(connector.begin(h) for connector in self.connectors)  # of all the same
         for k, connector in enumerate(self.connectors):
-            status = together.look(
+            status = coupled.look(
                 connector.par, connector.memory, samples[k], h, outs[k], self._looked[k]
             )
             if status != layout.OK:
@@ -165,13 +165,13 @@ class _Step:
         self._fixed = [connector.par.copy() for connector in group.connectors]
         looked, rows, columns = group._looked, group._rows, group._columns
         self.g, self._like = _delassus(group)
-        free = looked[:, together.FREE : together.FREE + 6].ravel()
-        turning = looked[:, together.TURNING : together.TURNING + 6].ravel()
-        target = looked[:, together.TARGET : together.TARGET + 4].ravel()
+        free = looked[:, coupled.FREE : coupled.FREE + 6].ravel()
+        turning = looked[:, coupled.TURNING : coupled.TURNING + 6].ravel()
+        target = looked[:, coupled.TARGET : coupled.TARGET + 4].ravel()
         at = np.ix_(rows, rows)
         solve = least_norm(self.g[at], self._like[at], group._arms)
         self._free, self._target = free, target
-        self._before = looked[:, together.MEASURED : together.MEASURED + 2]
+        self._before = looked[:, coupled.MEASURED : coupled.MEASURED + 2]
         self._base = solve @ ((target - free[rows]) / h)
         across = self.g[np.ix_(rows, columns)]
         self._by = -solve @ across
@@ -192,11 +192,11 @@ class _Step:
         given = self._group._given[c]
         r, s = slice(4 * c, 4 * c + 4), slice(2 * c, 2 * c + 2)
         own_by, own_a = self._by[r, s], self._a[s, s]
-        given[together.BASE : together.BY_F1] = self.reactions(phi)[r] - own_by @ phi[s]
-        given[together.BY_F1 : together.BY_M1] = own_by[:, 0]
-        given[together.BY_M1 : together.FREE_SLIP] = own_by[:, 1]
-        given[together.FREE_SLIP : together.A] = self._slip[s] + self._a[s] @ phi - own_a @ phi[s]
-        given[together.A : together.NGIVEN] = own_a[0, 0], own_a[0, 1], own_a[1, 1]
+        given[coupled.BASE : coupled.BY_F1] = self.reactions(phi)[r] - own_by @ phi[s]
+        given[coupled.BY_F1 : coupled.BY_M1] = own_by[:, 0]
+        given[coupled.BY_M1 : coupled.FREE_SLIP] = own_by[:, 1]
+        given[coupled.FREE_SLIP : coupled.A] = self._slip[s] + self._a[s] @ phi - own_a @ phi[s]
+        given[coupled.A : coupled.NGIVEN] = own_a[0, 0], own_a[0, 1], own_a[1, 1]
         return given
 
     def _try(self, c: int, phi: Array) -> None:
@@ -204,7 +204,7 @@ class _Step:
         scratch = self._scratch
         scratch[:] = self._memory[c]
         par, sample = self._fixed[c], self._samples[c]
-        together.answer(par, scratch, sample, self._h, self._give(c, phi), self._group._trial[c])
+        coupled.answer(par, scratch, sample, self._h, self._give(c, phi), self._group._trial[c])
         phi[2 * c : 2 * c + 2] = scratch[model.LAST_TOTAL : model.LAST_TOTAL + 2]
 
     def settle(self, phi: Array) -> Array:
@@ -330,7 +330,7 @@ class _Step:
         for c, connector in enumerate(group.connectors):
             given = self._give(c, phi)
             memory, sample = self._memory[c], self._samples[c]
-            statuses.append(together.answer(self._fixed[c], memory, sample, h, given, outs[c]))
+            statuses.append(coupled.answer(self._fixed[c], memory, sample, h, given, outs[c]))
             connector.memory = memory
             if group._laws[c].on and statuses[-1] == layout.OK:
                 _write_contact(outs[c], *contacts[c])
@@ -349,7 +349,7 @@ class _Step:
 
 
 def _rate(before: Array, end: Array, radius: float) -> float:
-    """The slip rate that friction counts over a step, from the slip at its ends (core/disc.py)."""
+    """The slip rate that friction counts over a step, from the slip at its ends (core/friction_disc.py)."""
     s, t = before * (1.0, radius), end * (1.0, radius)
     mean = 0.5 * (s + t) if s @ t > 0.25 * (s @ s) else t
     return float(np.hypot(*mean))
@@ -379,7 +379,7 @@ def _delassus(group: Group) -> tuple[Array, Array]:
     n, bodies = len(looked), len(group._bodies)
     jacobian = np.zeros((6 * n, 6 * bodies))
     inverse, alike = np.zeros((6 * bodies, 6 * bodies)), np.zeros(6 * bodies)
-    parts = ((together.JACOBIAN_A, together.INVERSE_A), (together.JACOBIAN_B, together.INVERSE_B))
+    parts = ((coupled.JACOBIAN_A, coupled.INVERSE_A), (coupled.JACOBIAN_B, coupled.INVERSE_B))
     for c in range(n):
         for (rates, tensor), i in zip(parts, group._places[c], strict=True):
             if i < 0:

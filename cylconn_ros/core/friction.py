@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.compiled import inline, jit
-from cylconn_ros.core.linear import Four
+from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.small_matrices import Four
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ the axes N = E S (E those of a, whose first is e1a; N's first is e1b). Aligned, 
 import math
 from typing import NamedTuple
 
-from cylconn_ros.core.bodies import Motion
-from cylconn_ros.core.compiled import inline
+from cylconn_ros.core.jit import inline
+from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.vectors import (
     Matrix,
     Quaternion,

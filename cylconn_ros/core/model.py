@@ -8,10 +8,10 @@ of the physics.
 import math
 from typing import Final, NamedTuple
 
-from cylconn_ros.core.bodies import Body
-from cylconn_ros.core.compiled import inline
 from cylconn_ros.core.friction import Array, Law
+from cylconn_ros.core.jit import inline
 from cylconn_ros.core.kinematics import Nodes
+from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import Quaternion, Vector
 
 # --- PAR ---
@@ -72,12 +72,12 @@ LAST_ACTUATION: Final = 65  # 2: force and moment of actuation and imposed motio
 ACTUATED: Final = 67  # work of those, J
 SPRING0: Final = 68  # spring energy at the reference, J
 MULTIPLIER: Final = 69  # 4, of the augmented Lagrangian: f2, f3, m2, m3
-GUARD: Final = 73  # 2 x 18, of its gains on offsets and swings: methods/guard.py
+GUARD: Final = 73  # 2 x 18, of its gains on offsets and swings: methods/passivity_controller.py
 INTEGRATED: Final = 109  # 2: misfit of positions to exact and to semi-implicit integration, m^2
 LAST_VELOCITIES: Final = 111  # of the mass centres, 2 x 3, world axes
 SENT: Final = 117  # the wrenches of the last MOST_LATE + 1 periods, newest first: forces and
 #                    torques about the mass centres of A, of B, world axes
-AHEAD: Final = 225  # the sample when its wrench acts (core/ahead.py)
+AHEAD: Final = 225  # the sample when its wrench acts (core/latency.py)
 MISFIT: Final = 263  # of every latency, N^2
 LATE: Final = 272  # the latency measured, periods
 SEEN: Final = 273  # 26, poses and twists of the last sample

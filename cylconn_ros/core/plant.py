@@ -1,9 +1,9 @@
 """Two rigid bodies under gravity and held wrenches: what a simulator does between two samples."""
 
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.bodies import Body, Motion, angular_acceleration, at_com, exact_step
-from cylconn_ros.core.compiled import entry, inline, jit
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.jit import entry, inline, jit
+from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration, at_com, exact_step
 from cylconn_ros.core.vectors import (
     Vector,
     add,

@@ -11,9 +11,9 @@ base + P by, so that F is convex in P. Of g = share mu FN - P, positive at P = 0
 
 import math
 
-from cylconn_ros.core.compiled import inline, jit
 from cylconn_ros.core.friction import Array, Contact, Law, coefficient, contact
-from cylconn_ros.core.linear import Four
+from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.small_matrices import Four
 
 MOST_STEPS = 200
 EXACT = 1e-15

@@ -7,7 +7,7 @@ turned frame.
 
 import math
 
-from cylconn_ros.core.compiled import inline
+from cylconn_ros.core.jit import inline
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identify import static as sticking
-from cylconn_ros.identify.errors import IdentifyError
+from cylconn_ros.identify.intervals import Measured, measure
 from cylconn_ros.identify.kinetic import (
     CLEAR,
     NAMES,
@@ -24,10 +24,10 @@ from cylconn_ros.identify.kinetic import (
     natural,
     precision,
 )
-from cylconn_ros.identify.measured import Measured, measure
-from cylconn_ros.identify.stretches import Stretch, slip_rate, stretches, threshold
+from cylconn_ros.identify.segments import Stretch, slip_rate, stretches, threshold
 from cylconn_ros.identify.windows import Windows, windows
 from cylconn_ros.recording.samples import Sampled, Samples
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 

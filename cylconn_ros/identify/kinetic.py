@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identify.errors import IdentifyError
+from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identify.windows import Windows
 
 Array = NDArray[np.float64]

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.identify.cubics import noise
+from cylconn_ros.identify.intervals import Measured
 from cylconn_ros.identify.kinetic import Fitted, Law, of_vector
-from cylconn_ros.identify.measured import Measured
-from cylconn_ros.identify.stretches import SHORTEST, Stretch, slip_rate, threshold
+from cylconn_ros.identify.segments import SHORTEST, Stretch, slip_rate, threshold
 from cylconn_ros.identify.windows import OWN, impulses, windows
 
 Array = NDArray[np.float64]

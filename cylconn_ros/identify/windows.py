@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.identify.cubics import TERMS, cut, fits, noise
-from cylconn_ros.identify.measured import Measured
-from cylconn_ros.identify.stretches import Stretch, chunks
+from cylconn_ros.identify.intervals import Measured
+from cylconn_ros.identify.segments import Stretch, chunks
 
 Array = NDArray[np.float64]
 

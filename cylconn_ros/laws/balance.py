@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.friction import contact
-from cylconn_ros.laws.observed import Observed
+from cylconn_ros.laws.normalised import ratio
 from cylconn_ros.laws.parameters import Bodies, Parameters
-from cylconn_ros.laws.residual import ratio
+from cylconn_ros.laws.sample_state import Observed
 from cylconn_ros.laws.step import AVAILABLE, Step
 
 Array = NDArray[np.float64]

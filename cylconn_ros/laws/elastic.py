@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.laws.observed import History, Observed
 from cylconn_ros.laws.parameters import Parameters
+from cylconn_ros.laws.sample_state import History, Observed
 from cylconn_ros.laws.step import AVAILABLE
 
 Array = NDArray[np.float64]

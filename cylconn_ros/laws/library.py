@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.connector.scene import Body, Scene
-from cylconn_ros.connector.simulation import simulate
 from cylconn_ros.core import layout
-from cylconn_ros.laws.recorded import Recorded
+from cylconn_ros.errors import SceneError
+from cylconn_ros.laws.runs import Recorded
+from cylconn_ros.scene.scene import Body, Scene
+from cylconn_ros.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 SPRUNG = ("penalty", "augmented_lagrangian")

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.balance import received
-from cylconn_ros.laws.observed import Motion, motion, no_history, observe
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of
+from cylconn_ros.laws.sample_state import Motion, motion, no_history, observe
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 PERIODS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.scene import Body, Friction, Scene
+from cylconn_ros.scene.scene import Body, Friction, Scene
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.minimal_simulation import Solution, solve
-from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.friction import contact, limit
-from cylconn_ros.laws.observed import Motion, motion
+from cylconn_ros.laws.normalised import ratio, worst
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of, tables_of, world
-from cylconn_ros.laws.residual import ratio, worst
+from cylconn_ros.laws.sample_state import Motion, motion
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.minimal import Solution, solve
 
 Array = NDArray[np.float64]
 INSTANTS = 400

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.laws.observed import Observed
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows
+from cylconn_ros.laws.sample_state import Observed
 from cylconn_ros.laws.step import AVAILABLE, CONSTRAINED, Step, compliance, inverse
 
 Array = NDArray[np.float64]

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout
-from cylconn_ros.laws import draw, elastic, rigid, states
+from cylconn_ros.laws import elastic, random_scenes, random_states, rigid
 from cylconn_ros.laws.balance import received
 from cylconn_ros.laws.bounds import after
-from cylconn_ros.laws.chance import Random, generator
-from cylconn_ros.laws.observed import History, no_history, observe, remember
+from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import parameters_of, tables_of
-from cylconn_ros.laws.residual import Block
+from cylconn_ros.laws.random import Random, generator
+from cylconn_ros.laws.sample_state import History, no_history, observe, remember
 from cylconn_ros.laws.step import frozen
 from cylconn_ros.laws.stops import bounds_of
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 CHAINS = 16  # random starts of one scene
@@ -68,22 +68,22 @@ def blocks(
     Everything follows from the seed and the block's number: any part can be had again alone.
     """
     numbers = range(number * BLOCK, (number + 1) * BLOCK)
-    scenes = [draw.scene(seed, k, method) for k in numbers]
+    scenes = [random_scenes.scene(seed, k, method) for k in numbers]
     tables = tables_of(scenes)
     of = np.repeat(np.arange(len(scenes)), CHAINS)
     chain = np.tile(np.arange(CHAINS), len(scenes))
     p = parameters_of(scenes).take(of)
-    names = np.array([draw.family(k) for k in numbers])[of]
+    names = np.array([random_scenes.family(k) for k in numbers])[of]
     fixed = (
         np.array([s.body_a.kind == "fixed" for s in scenes])[of],
         np.array([s.body_b.kind == "fixed" for s in scenes])[of],
     )
     rng = generator(seed, 1_000_000_000 + number)
-    sample = states.states(rng, p, names, fixed)
-    states.load(rng, p, sample, names)
+    sample = random_states.states(rng, p, names, fixed)
+    random_states.load(rng, p, sample, names)
     past = no_history(len(of))
     for _ in range(60):  # what speeds and loads carry out of reach is slowed down
-        rows = states.out_of_reach(p, frozen(p, observe(p, sample, past), sample))
+        rows = random_states.out_of_reach(p, frozen(p, observe(p, sample, past), sample))
         sample[np.ix_(rows, MOVING)] *= 0.5
     connectors = [make(scene) for scene in scenes]
     memory = [connector.memory for connector in connectors for _ in range(CHAINS)]
@@ -121,16 +121,16 @@ def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, Hi
         com = m.com + 0.5 * h * (m.velocity + velocity)
         q = rigid.turned(m.orientation, 0.5 * h * (m.spin + spin))
         arm = rigid.out_of(rigid.matrix(q), body.com)
-        states.put(moved, at, com - arm, q, velocity - np.cross(spin, arm), spin)
+        random_states.put(moved, at, com - arm, q, velocity - np.cross(spin, arm), spin)
     o = observe(p, moved, past)
     far = rigid.norm(o.error[:, :2]) > ASTRAY  # a coarse step may also leave the connector behind
     far |= rigid.norm(o.error[:, 2:]) > ASTRAY
     moved[far] = sample[far]
     fresh = moved.copy()
-    states.load(rng, p, fresh, names)
+    random_states.load(rng, p, fresh, names)
     change = rng.random(len(moved)) < 0.25
     moved[change, layout.LOADS] = fresh[change, layout.LOADS]
-    far = states.out_of_reach(p, frozen(p, observe(p, moved, past), moved))
+    far = random_states.out_of_reach(p, frozen(p, observe(p, moved, past), moved))
     moved[far] = sample[far]
     return moved, past
 

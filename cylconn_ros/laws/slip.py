@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.friction import coefficient, contact, limit, slopes
-from cylconn_ros.laws.observed import Observed
+from cylconn_ros.laws.normalised import TOLERANCE, Block, ratio, worst
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows
-from cylconn_ros.laws.residual import TOLERANCE, Block, ratio, worst
+from cylconn_ros.laws.sample_state import Observed
 from cylconn_ros.laws.step import AVAILABLE, Step
 
 Array = NDArray[np.float64]

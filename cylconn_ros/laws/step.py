@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.observed import Frame, Motion, Observed, frame, relative
 from cylconn_ros.laws.parameters import Bodies, Parameters, Rows, world
+from cylconn_ros.laws.sample_state import Frame, Motion, Observed, frame, relative
 
 Array = NDArray[np.float64]
 CONSTRAINED = [1, 2, 4, 5]  # rows of w: y, z and both swings

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws.bounds import Bounds, bounds, stop_sides
-from cylconn_ros.laws.observed import Observed
+from cylconn_ros.laws.normalised import Block, ratio, worst
 from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.laws.reduced import problem_of
-from cylconn_ros.laws.residual import Block, ratio, worst
+from cylconn_ros.laws.sample_state import Observed
 from cylconn_ros.laws.step import AVAILABLE, Step
 
 Array = NDArray[np.float64]

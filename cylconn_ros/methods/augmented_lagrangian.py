@@ -8,16 +8,16 @@ by load/k. rho is `penalty.multiplier_gain`; by default k h/(32 c), at most 0.1.
 the penalty method: elastic stick, brought back onto the disc.
 
 What it costs: lambda follows a changing load with a lag of h/rho, during which e is not zero; and a
-third gain that can be unstable. Unstable gains are seen and lowered (methods/guard.py), which is
+third gain that can be unstable. Unstable gains are seen and lowered (methods/passivity_controller.py), which is
 flagged GAINS_LOWERED.
 """
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
-from cylconn_ros.core.compiled import jit
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.observe import observe
-from cylconn_ros.methods import guard, penalty
+from cylconn_ros.core.jit import jit
+from cylconn_ros.core.relative_state import observe
+from cylconn_ros.methods import passivity_controller, penalty
 
 
 @jit
@@ -46,14 +46,14 @@ def _block(
     h: float,
 ) -> tuple[float, float, bool]:
     """The constraint force on two components: offsets (block 0) or swings (1)."""
-    to, at = model.MULTIPLIER + 2 * block, model.GUARD + guard.SIZE * block
+    to, at = model.MULTIPLIER + 2 * block, model.GUARD + passivity_controller.SIZE * block
     explicit, rho = model.output(par).semi_implicit, par[model.AUGMENTED]
-    g = guard.gains(mem, at, k, c, rho, h, explicit)
-    guard.watch(mem, at, g, e, w, (mem[to], mem[to + 1]))
-    g = guard.gains(mem, at, k, c, rho, h, explicit)
+    g = passivity_controller.gains(mem, at, k, c, rho, h, explicit)
+    passivity_controller.watch(mem, at, g, e, w, (mem[to], mem[to + 1]))
+    g = passivity_controller.gains(mem, at, k, c, rho, h, explicit)
     mem[to] -= g.rho * g.k * e[0]
     mem[to + 1] -= g.rho * g.k * e[1]
     f1 = mem[to] - g.k * e[0] - g.c * w[0]
     f2 = mem[to + 1] - g.k * e[1] - g.c * w[1]
-    mem[at + guard.FORCE], mem[at + guard.FORCE + 1] = f1, f2
+    mem[at + passivity_controller.FORCE], mem[at + passivity_controller.FORCE + 1] = f1, f2
     return f1, f2, g.lowered

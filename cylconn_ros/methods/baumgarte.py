@@ -22,15 +22,15 @@ import math
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
-from cylconn_ros.core.answer import write_contact, write_forces, write_wrenches
-from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
-from cylconn_ros.core.bounds import imposed_force
-from cylconn_ros.core.compiled import jit
+from cylconn_ros.core.delassus import of_body, of_both, swung
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.inertia import of_body, of_both, swung
+from cylconn_ros.core.jit import jit
+from cylconn_ros.core.joint_limits import imposed_force
 from cylconn_ros.core.kinematics import Frame, Twist, into_swung
-from cylconn_ros.core.linear import Four
-from cylconn_ros.core.observe import Observed, observe
+from cylconn_ros.core.output_wrenches import write_contact, write_forces, write_wrenches
+from cylconn_ros.core.relative_state import Observed, observe
+from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
+from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.traction import least_traction, moved
 from cylconn_ros.core.vectors import (
     Vector,
@@ -44,8 +44,8 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
+from cylconn_ros.methods.complementarity import Reduced, reactions
 from cylconn_ros.methods.impulse import eliminated, pulled, unmet
-from cylconn_ros.methods.sides import Reduced, reactions
 
 FEEDBACK = 0.2  # alpha h and beta h where they are not given
 STOPPED_AFTER = 3

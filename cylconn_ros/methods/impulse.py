@@ -6,7 +6,7 @@ in the axes of a, moments in N (core/kinematics.py):
     v+ = vf + h M^-1 J~^T Lambda       vf: free velocity, of gravity, loads, gyroscopic terms
     w+ = J~ v+                         relative twist at node b, J~ in the configuration q~
     w+_c = target_c                    c: the constrained components, y, z and both swings
-    s+ = (v1, R w1)+ and friction      see core/disc.py
+    s+ = (v1, R w1)+ and friction      see core/friction_disc.py
 
 q~ is the middle of the step. Each mass centre stands at its mean over the free step, x + h v/2 +
 h^2 a/6, and as a body's own force does not move it across that force, the two wrenches exchange
@@ -16,7 +16,7 @@ Only the wrench goes out, and positions are measured at the next sample: e the c
 q^ = q + h v
 
     exact plant          w+_c = -e/h - J(q)v_c/2 - [(J(q^) - J~) v]_c       deadbeat, second order
-      fast turning       the same asked of the end foreseen                 methods/foreseen.py
+      fast turning       the same asked of the end foreseen                 methods/predicted_end.py
       faster still       w+_c = -e/h                                        dissipative
     semi-implicit plant  w+_c = -e/h, all in the configuration q
 
@@ -32,15 +32,15 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
-from cylconn_ros.core.ahead import share_removed
-from cylconn_ros.core.answer import write_wrenches
-from cylconn_ros.core.bodies import Body, Motion, angular_acceleration
-from cylconn_ros.core.compiled import inline, jit
+from cylconn_ros.core.delassus import Inertia, of_body, of_both, swung
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.inertia import Inertia, of_body, of_both, swung
+from cylconn_ros.core.jit import inline, jit
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
-from cylconn_ros.core.linear import Four, factor, solve
-from cylconn_ros.core.observe import Observed, observe
+from cylconn_ros.core.latency import share_removed
+from cylconn_ros.core.output_wrenches import write_wrenches
+from cylconn_ros.core.relative_state import Observed, observe
+from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
+from cylconn_ros.core.small_matrices import Four, factor, solve
 from cylconn_ros.core.vectors import (
     Quaternion,
     Vector,
@@ -53,9 +53,9 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.available import Available, available, report
-from cylconn_ros.methods.foreseen import GAIN, MOST_TURNS, PASSES, TURNS, end_of
-from cylconn_ros.methods.sides import Reduced, reactions
+from cylconn_ros.methods.complementarity import Reduced, reactions
+from cylconn_ros.methods.free_axes import Available, available, report
+from cylconn_ros.methods.predicted_end import GAIN, MOST_TURNS, PASSES, TURNS, end_of
 
 UNDERSAMPLED_ABOVE = 0.5  # |w| h
 ROUNDING = 4e-16  # a relative error that counts as none
@@ -169,7 +169,7 @@ def _foreseen(
     par: Array, mem: Array, sample: Array, o: Observed, f: Frame, g: Inertia, wf: Twist,
     turning: Twist, target: Four, r: Reduced, far: bool, h: float,
 ) -> tuple[Twist, Four, Reduced, bool]:  # fmt: skip
-    """Bracket, target and what follows from them, for the end foreseen: methods/foreseen.py."""
+    """Bracket, target and what follows from them, for the end foreseen: methods/predicted_end.py."""
     f1, m1 = mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1]
     limits, share = _limits(par, o, h), 1.0 / (1.0 + 0.5 * GAIN)
     for _ in range(PASSES):

@@ -17,18 +17,18 @@ import math
 
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
-from cylconn_ros.core.answer import write_contact, write_forces, write_wrenches
-from cylconn_ros.core.bounds import (
+from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.jit import jit
+from cylconn_ros.core.joint_limits import (
     advance_imposed,
     imposed,
     imposed_force,
     locks,
     start_imposed,
 )
-from cylconn_ros.core.compiled import jit
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.linear import Four
-from cylconn_ros.core.observe import Observed, observe
+from cylconn_ros.core.output_wrenches import write_contact, write_forces, write_wrenches
+from cylconn_ros.core.relative_state import Observed, observe
+from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import scale, turned
 
 STOPPED_AFTER = 3

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from . import connectors, database
-from .blocks import Block
-from .database import Topics
-from .errors import RecordingError
-from .source import Source
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording import connector_part, sqlite
+from cylconn_ros.recording.mcap_reader import Source
+from cylconn_ros.recording.message_block import Block
+from cylconn_ros.recording.sqlite import Topics
 
 SUFFIXES = (".mcap", ".db3")
 
@@ -60,7 +60,7 @@ class Bag:
         except sqlite3.Error as error:
             raise RecordingError(f"{self.path}: not a readable recording: {error}") from None
         self.size, self.done = sum(self._sizes), 0
-        self.texts, self.names = connectors.part(self.texts, connector)
+        self.texts, self.names = connector_part.part(self.texts, connector)
         if connector:
             own = set(self.names.values())
             self.types = {topic: kind for topic, kind in self.types.items() if topic in own}
@@ -78,7 +78,7 @@ class Bag:
         for file, size in zip(self._files, self._sizes, strict=True):
             try:
                 if file.suffix == ".db3":
-                    for topics, block, share in database.messages(file):
+                    for topics, block, share in sqlite.messages(file):
                         self.done = before + int(share * size)
                         yield topics, block
                 else:
@@ -102,7 +102,7 @@ class Bag:
 
     def _look(self, file: Path, size: int) -> None:
         if file.suffix == ".db3":
-            for name, kind in database.topics(file):
+            for name, kind in sqlite.topics(file):
                 self._add(name, kind)
             return
         with file.open("rb") as stream:

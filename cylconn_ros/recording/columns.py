@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .blocks import Block, Found, of_messages
-from .errors import RecordingError
-from .schema import PRIMITIVES, Schema
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.message_block import Block, Found, of_messages
+from cylconn_ros.recording.schema import PRIMITIVES, Schema
 
 HEADER_BYTES = (
     4  # encapsulation: byte 1 says 0 big, 1 little endian (plain CDR, no parameter lists)

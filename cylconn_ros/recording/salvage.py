@@ -9,12 +9,12 @@ from typing import Any
 import yaml
 from mcap.records import Channel
 
-from .errors import RecordingError
-from .interfaces import Interface
-from .metadata import TopicInfo
-from .reader import read_run
-from .source import Source
-from .writer import RunWriter
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.mcap_reader import Source
+from cylconn_ros.recording.message_definitions import Interface
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.recording.writer import RunWriter
 
 _READ_AHEAD = 1 << 20
 

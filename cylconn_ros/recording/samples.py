@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.matching import Matched, SampleMatcher
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.connector.synchronizer import Matched, SampleMatcher
 from cylconn_ros.core import layout
-from cylconn_ros.recording.reader import Run, Table
+from cylconn_ros.recording.run import Run, Table
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Write a run as a rosbag2 directory: one MCAP file (profile ros2) and its metadata.yaml.
 
-Who writes a message only copies it into a tray (:mod:`~cylconn_ros.recording.tray`). A thread of
+Who writes a message only copies it into a tray (:mod:`~cylconn_ros.recording.chunk_buffer`). A thread of
 the run's own takes the tray away every :data:`INTERVAL`, or when it is full, compresses it and puts
 it on disk as a chunk, while others go on with another tray; all that takes long is done without the
 interpreter's lock. A killed process loses what came within about one interval.
@@ -16,11 +16,11 @@ from types import TracebackType
 
 import numpy as np
 
-from .container import COMPRESSIONS, Container
-from .errors import RecordingError
-from .interfaces import Interface, interface
-from .metadata import TopicInfo, bag_information, to_yaml
-from .tray import ACCEPTED, CHANNEL, REFUSED, Messages, Tray
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.chunk_buffer import ACCEPTED, CHANNEL, REFUSED, Messages, Tray
+from cylconn_ros.recording.mcap_writer import COMPRESSIONS, Container
+from cylconn_ros.recording.message_definitions import Interface, interface
+from cylconn_ros.recording.metadata import TopicInfo, bag_information, to_yaml
 
 METADATA_RECORD = "cylconn_ros"  # MCAP metadata record holding parameters, version, method
 
@@ -39,7 +39,7 @@ class RunWriter:
     ``write``, ``put`` and ``close`` may be called from different threads.
 
     Compiled code may put messages in, too, and needs no interpreter for that. It is given the
-    memory of a tray that has room for them, and calls :func:`~cylconn_ros.recording.put.put` for
+    memory of a tray that has room for them, and calls :func:`~cylconn_ros.recording.kernels.put` for
     each, before the lock is released::
 
         channels = np.array([writer.channels[topic] for topic in topics])  # once a run
@@ -199,7 +199,7 @@ class RunWriter:
 
     def write_each(self, messages: Messages) -> None:
         """Append many messages, sooner than one by one; raises as :meth:`write` does."""
-        from .put import put_each  # brings the compiler
+        from cylconn_ros.recording.kernels import put_each  # brings the compiler
 
         done, total = 0, len(messages.channel)
         while done < total:

@@ -12,12 +12,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cylconn_ros.connector.plant import Plant
-from cylconn_ros.connector.scene import Scene
-from cylconn_ros.connector.simulation import Run
 from cylconn_ros.core import layout
 from cylconn_ros.reference import closed_forms, fixed_shaft
 from cylconn_ros.reference.free_pair import free_pair
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.plant import Plant
+from cylconn_ros.simulation.simulate import Run
 
 ROUNDING = 1e-9  # of a value, or absolute below 1
 

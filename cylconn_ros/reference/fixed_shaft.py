@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 E1 = np.array([1.0, 0.0, 0.0])

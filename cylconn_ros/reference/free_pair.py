@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.scene import Body, Scene
 from cylconn_ros.reference.fixed_shaft import rotation, tensor
+from cylconn_ros.scene.scene import Body, Scene
 
 Array = NDArray[np.float64]
 

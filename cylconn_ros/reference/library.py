@@ -11,10 +11,10 @@ import dataclasses
 import sys
 from collections.abc import Callable, Mapping, Sequence
 
-from cylconn_ros.connector.scene import Scene
-from cylconn_ros.connector.simulation import Run
 from cylconn_ros.reference import answers
 from cylconn_ros.reference.answers import Expected
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.simulate import Run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -215,7 +215,7 @@ HEAD = """\
 
 Every scene is a parameter file in `config/` that serves `connector`, `plant` and
 `cylconn simulate NAME` alike. `simulate` compares with the answer below and says how far off it is;
-`test/test_library.py` runs them all. *Within* is what the method `impulse` is held to at the period
+`test/reference/test_library.py` runs them all. *Within* is what the method `impulse` is held to at the period
 of the file; *order* is how that shrinks with the period, 0 where the answer is exact at any period.
 Made from `cylconn_ros/reference/library.py`:
 `python -m cylconn_ros.reference.library > docs/scenes.md`.
@@ -250,7 +250,7 @@ def table(scenes: Mapping[str, Scene]) -> str:
 
 def main() -> int:
     """Print docs/scenes.md; run from the root of the repository."""
-    from cylconn_ros.connector.scene import load
+    from cylconn_ros.scene.scene import load
 
     print(table({name: load(f"config/{name}.yaml") for name in LIBRARY}), end="")
     return 0

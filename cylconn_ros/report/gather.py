@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cylconn_ros.recording.errors import RecordingError
-from cylconn_ros.recording.reader import STAMP, Run
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.run import STAMP, Run
 from cylconn_ros.report.panels import States
 
 Array = npt.NDArray[Any]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cylconn_ros.connector import words
+from cylconn_ros.connector import enums
 from cylconn_ros.report import decimate
 from cylconn_ros.report.gather import Gathered, Geometry
 from cylconn_ros.report.panels import PANELS, Curve, Panel, States, chosen
@@ -25,11 +25,11 @@ PATH_BUCKETS = 2_500
 """And so many of whole samples, up to nine of each, for the planes and the 3-D view."""
 
 EVENTS = {
-    "regime": words.REGIMES,
-    "stop": tuple(f"stop {name}" for name in words.STOPS),
-    "lock": tuple(f"{name} locked" for name in words.LOCKS),
-    "status": words.STATUS,
-    "flags": words.FLAGS,
+    "regime": enums.REGIMES,
+    "stop": tuple(f"stop {name}" for name in enums.STOPS),
+    "lock": tuple(f"{name} locked" for name in enums.LOCKS),
+    "status": enums.STATUS,
+    "flags": enums.FLAGS,
 }
 """Names of the bits of ConnectorState, lowest first; of regime and status, of the values."""
 

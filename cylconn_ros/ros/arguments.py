@@ -11,8 +11,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from cylconn_ros.connector.parameters import SceneError
-from cylconn_ros.connector.scene_file import OtherNodesError, load_parameters, parse
+from cylconn_ros.errors import SceneError
+from cylconn_ros.scene.parameter_file import OtherNodesError, load_parameters, parse
 
 
 class UsageError(ValueError):

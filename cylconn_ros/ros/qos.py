@@ -33,7 +33,7 @@ def reading(report: Callable[[str], None]) -> dict[str, Any]:
     """Event callbacks of a subscription: incompatible publishers.
 
     Not that of lost messages: rmw_fastrtps locks up for good (Jazzy) where one is lost while the
-    status is taken, which a flood does within seconds. Losses are seen by their gaps (ros/gaps.py).
+    status is taken, which a flood does within seconds. Losses are seen by their gaps (ros/executor/sequence_numbers.py).
     """
     return {
         "event_callbacks": SubscriptionEventCallbacks(

@@ -8,11 +8,11 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from cylconn_ros.bench import lines
+from cylconn_ros.bench.common.results import Findings, Measurement, Target
+from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.faults import sweep
 from cylconn_ros.bench.faults.sweep import Cell, Outcome
-from cylconn_ros.bench.results import Findings, Measurement, Target
-from cylconn_ros.bench.settings import Settings
+from cylconn_ros.process import json_lines
 from cylconn_ros.reference.library import LIBRARY
 
 PROCESSES, LIBRARY_RUNS = "real processes", "every scene of the library"
@@ -38,10 +38,10 @@ def measure(
 
 
 def real(quick: bool, environment: Mapping[str, str]) -> Iterator[dict[str, Any]]:
-    """A row of ros/faults/row.py for every fault, as it comes."""
+    """A row of bench/faults/fault.py for every fault, as it comes."""
     with tempfile.TemporaryDirectory() as folder:
         arguments = [folder, *(["quick"] if quick else [])]
-        yield from lines.said("cylconn_ros.ros.faults.run", arguments, environment)
+        yield from json_lines.said("cylconn_ros.bench.faults.run", arguments, environment)
 
 
 def _of_rows(rows: Sequence[Mapping[str, Any]]) -> Findings:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from cylconn_ros.bench.common.report import VERDICT, number, table
+from cylconn_ros.bench.common.results import Findings
 from cylconn_ros.bench.faults import measure, sweep
-from cylconn_ros.bench.report import VERDICT, number, table
-from cylconn_ros.bench.results import Findings
 
 
 def body(found: Findings) -> str:

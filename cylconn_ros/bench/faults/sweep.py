@@ -1,7 +1,7 @@
 """Late, lost, jittered: every scene of the library through a faulty way, in process.
 
 The same run with the latency told, with it measured, and without: violation and energy from
-outside (bench/stability/judge.py), the passivity account as it is published.
+outside (bench/stability/criteria.py), the passivity account as it is published.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylconn_ros.bench.settings import SceneLoader
-from cylconn_ros.bench.stability import judge
+from cylconn_ros.bench.common.settings import SceneLoader
+from cylconn_ros.bench.common.timing import Array
+from cylconn_ros.bench.stability import criteria
 from cylconn_ros.bench.stability.channel import Faults, opening
-from cylconn_ros.bench.stability.contestants import Ours
 from cylconn_ros.bench.stability.loop import Trace, closed, loads_of
 from cylconn_ros.bench.stability.scenes import lasting
-from cylconn_ros.bench.timing import Array
-from cylconn_ros.connector.packing import pack
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.bench.stability.solvers import Ours
 from cylconn_ros.core import layout, plant
+from cylconn_ros.scene.packing import pack
+from cylconn_ros.scene.scene import Scene
 
 TOLD, MEASURED, NOT_TOLD = "told", "measured", "not told"
 LATE = (1, 2, 3, 4, 5)
@@ -85,7 +85,7 @@ class Outcome:
     @property
     def bounded(self) -> bool:
         """Whether constraint and energy stay bounded."""
-        held = self.offset <= judge.OFFSET and self.angle <= judge.ANGLE
+        held = self.offset <= criteria.OFFSET and self.angle <= criteria.ANGLE
         return self.finite and held and self.energy <= MOST and self.end <= LEFT
 
     @property
@@ -179,7 +179,7 @@ class Prompt:
         states = closed(self.scene, servant).states
         self.energy = self.energies(states)
         exchanged = float(servant.out[layout.ENERGY_EXCHANGED])
-        kinetic, _ = judge.energies(self.scene, states)
+        kinetic, _ = criteria.energies(self.scene, states)
         self.scale = float(np.ptp(self.energy)) + exchanged + float(kinetic.max())
         self._begun: dict[int, tuple[float, float]] = {}
 
@@ -255,8 +255,8 @@ def outcome(prompt: Prompt, faults: Faults, latency: int) -> Outcome:
 
 def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> Outcome:
     scene = prompt.scene
-    offset, angle = judge.errors(scene, judge.look(scene, trace.states))
-    counts, stretches = judge.settled(scene, trace, offset, angle)
+    offset, angle = criteria.errors(scene, criteria.look(scene, trace.states))
+    counts, stretches = criteria.settled(scene, trace, offset, angle)
     first, held = opening(faults, OPENING)
     energy, fall = prompt.energies(trace.states), prompt.unheld(first, held)
     most, end = prompt.begun(first)

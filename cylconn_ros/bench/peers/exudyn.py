@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from cylconn_ros.bench.frames import outside, quaternion, rotation, tensor
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Spring, Stops, length
-from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, package
-from cylconn_ros.connector.scene import Body
+from cylconn_ros.bench.common.frames import outside, quaternion, rotation, tensor
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, length
+from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, package
+from cylconn_ros.scene.scene import Body
 
 
 class Peer:

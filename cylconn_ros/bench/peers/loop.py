@@ -1,9 +1,9 @@
 """Our closed loop in one compiled call: a step of the connector, a step of the plant, n times."""
 
 from cylconn_ros.core import layout, plant
-from cylconn_ros.core.compiled import entry
 from cylconn_ros.core.friction import Array
-from cylconn_ros.methods import step as methods
+from cylconn_ros.core.jit import entry
+from cylconn_ros.methods import dispatch as methods
 
 
 @entry

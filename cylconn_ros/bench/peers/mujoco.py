@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from cylconn_ros.bench.errors import LeftOutError
-from cylconn_ros.bench.frames import rotation
-from cylconn_ros.bench.mujoco_peer import MujocoScene
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Spring, Stops, length
-from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, milder
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.bench.common.errors import LeftOutError
+from cylconn_ros.bench.common.frames import rotation
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, length
+from cylconn_ros.bench.peers.mujoco_scene import MujocoScene
+from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, milder
+from cylconn_ros.scene.scene import Scene
 
 FITTED_AT = 1e-3  # s
 SMALL = 1e-9  # m/s: at rest

@@ -12,16 +12,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cylconn_ros.bench.methods import METHODS, served_by, with_period
-from cylconn_ros.bench.minimal import Prepared
+from cylconn_ros.bench.common.methods import METHODS, served_by, with_period
 from cylconn_ros.bench.peers import loop
-from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task
-from cylconn_ros.connector.accuracy import motion
-from cylconn_ros.connector.packing import pack
-from cylconn_ros.connector.plant import Plant
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task
+from cylconn_ros.bench.step_cost.whole_motion_minimal import Prepared
 from cylconn_ros.core import layout, model, plant
-from cylconn_ros.methods.step import NAMES
+from cylconn_ros.methods.dispatch import NAMES
+from cylconn_ros.scene.packing import pack
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.plant import Plant
+from cylconn_ros.simulation.to_tolerance import motion
 
 STATED = "tolerance stated"
 ABOUT = {
@@ -67,14 +67,14 @@ def _live_minimal(
     a: Array, b: Array, h: float, steps: int, out: Array,
 ) -> int:  # fmt: skip
     """As loop.closed, from Python: compiling an integrator once more takes a minute."""
-    from cylconn_ros.methods import minimal_step
+    from cylconn_ros.methods.minimal import entry
 
     good, wrench_a, wrench_b = 0, out[layout.FORCE_A :][:6], out[layout.FORCE_B :][:6]
     sample[layout.LOADS] = loads
     motion = sample[layout.MOTION]
     for _ in range(steps):
         motion[:] = state
-        good += minimal_step.step(method, par, mem, sample, h, out) == layout.OK
+        good += entry.step(method, par, mem, sample, h, out) == layout.OK
         plant.step(of_plant, state, wrench_a, wrench_b, loads, h)
     return good
 

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylconn_ros.bench.frames import product, quaternion, rotation, tensor
-from cylconn_ros.bench.peers.joint import Coulomb, Joint, Spring, Stops, length
-from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, package
-from cylconn_ros.connector.scene import Body
+from cylconn_ros.bench.common.frames import product, quaternion, rotation, tensor
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, length
+from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, package
+from cylconn_ros.scene.scene import Body
 
 ITERATIONS = 100
 SMALL = 1e-9  # m/s: at rest

@@ -16,9 +16,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cylconn_ros.bench.frames import rotation, tensor
-from cylconn_ros.bench.peers.joint import Joint
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.bench.common.frames import rotation, tensor
+from cylconn_ros.bench.peers.common import Joint
+from cylconn_ros.scene.scene import Scene
 
 Accelerations = Callable[[float, float, float, float, float, float], tuple[float, float]]
 """(slide, spin, v, w, d1, d2) -> v', w': d is the direction that friction opposes, |d| <= 1."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cylconn_ros.bench.peers import drake, exudyn, mujoco, ours, pinocchio, pybullet, scipy
-from cylconn_ros.bench.peers.task import Contestant
+from cylconn_ros.bench.peers.solver import Contestant
 
 CONTESTANTS: dict[str, Contestant] = {
     contestant.name: contestant

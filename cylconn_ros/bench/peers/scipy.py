@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from cylconn_ros.bench.errors import LeftOutError
+from cylconn_ros.bench.common.errors import LeftOutError
 from cylconn_ros.bench.peers import reduced
-from cylconn_ros.bench.peers.joint import Stops, length
-from cylconn_ros.bench.peers.task import Array, Contestant, Read, Solve, Task, package
+from cylconn_ros.bench.peers.common import Stops, length
+from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, package
 from cylconn_ros.reference.free_pair import Equations
 
 REST = 1e-6  # of the speed at the start

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cylconn_ros.bench.timing import Array
+from cylconn_ros.bench.common.timing import Array
 from cylconn_ros.core import layout
 
 PAUSE = 50  # samples a paused simulator repeats

@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 
 from cylconn_ros.bench.stability.channel import BAD, QUATERNIONS, Faults
-from cylconn_ros.bench.stability.judge import ANY, RESTS, SLIDES
+from cylconn_ros.bench.stability.criteria import ANY, RESTS, SLIDES
 from cylconn_ros.bench.stability.scenes import LENGTH, pair, sleeve
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.scene.scene import Scene
 
 Kind = Literal["physical", "channel"]
 G = 9.81

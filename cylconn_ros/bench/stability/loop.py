@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
+from cylconn_ros.bench.common.timing import Array
 from cylconn_ros.bench.stability import channel
 from cylconn_ros.bench.stability.channel import Channel, Faults
-from cylconn_ros.bench.timing import Array
-from cylconn_ros.connector.packing import pack
-from cylconn_ros.connector.scene import Scene
 from cylconn_ros.core import layout, plant
+from cylconn_ros.scene.packing import pack
+from cylconn_ros.scene.scene import Scene
 
 
 class Servant(Protocol):

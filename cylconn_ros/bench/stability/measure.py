@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
-from cylconn_ros.bench.errors import AbsentError, LeftOutError
-from cylconn_ros.bench.results import Findings, Gap, Measurement
-from cylconn_ros.bench.settings import Settings
+from cylconn_ros.bench.common.errors import AbsentError, LeftOutError
+from cylconn_ros.bench.common.results import Findings, Gap, Measurement
+from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.stability.conditions import Case, conditions
-from cylconn_ros.bench.stability.contestants import Contestant, contestants
-from cylconn_ros.bench.stability.judge import Laws, Verdict, judge
+from cylconn_ros.bench.stability.criteria import Laws, Verdict, judge
+from cylconn_ros.bench.stability.solvers import Contestant, contestants
 
 SURVIVED = "survived"
 QUICK = ("impulse", "baumgarte", "penalty")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cylconn_ros.connector.scene import Scene
+from cylconn_ros.scene.scene import Scene
 
 LENGTH = 0.2  # m, node b from node a at the start
 SKEW = (0.010, 0.001, 0.0005, 0.020, 0.0008, 0.018)  # kg.m^2 a kg: no principal axes

@@ -1,0 +1,1 @@
+"""What all benchmarks share: settings, timing, results, reports, machine."""

@@ -1,0 +1,1 @@
+"""Orders of convergence against independent answers."""

@@ -1,0 +1,1 @@
+"""Benchmarks of nodes: processes that send samples and nodes that answer them."""

@@ -1,0 +1,1 @@
+"""Work-precision diagrams: error against CPU time, all solvers on all cases."""

@@ -1,0 +1,1 @@
+"""Cost of a step, of model features and of start-up."""

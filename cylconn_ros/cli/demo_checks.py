@@ -1,0 +1,114 @@
+"""Judge a recorded demo: against the independent solution, the laws' bounds and the counts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from cylconn_ros.cli import scenes
+from cylconn_ros.cli.checks import Check, against, below, equal
+from cylconn_ros.cli.summary import reduce_states
+from cylconn_ros.recording.run import Run
+from cylconn_ros.reference import Reference, slide_and_spin
+from cylconn_ros.scene.scene import Scene
+
+# What a second-order step may be off at 1 ms; other periods are granted their square.
+_ERROR_AT_1MS = {"distance": 1e-4, "turns": 1e-4, "stop_time": 1e-4}  # m, 1, s
+_WORST_OFFSET = 1e-6  # m
+_WORST_MISALIGNMENT = 1e-5  # rad
+_WORST_RESIDUAL = 1e-12  # semantics: what double precision attains
+
+
+def reference(scene: Scene) -> Reference:
+    """Solve the scene up to its last sample, independently of the connector's methods."""
+    return slide_and_spin(scene, duration=(scenes.steps(scene) - 1) * scene.period)
+
+
+def judge(run: Run, scene: Scene, expected: Reference) -> list[Check]:
+    """Compare a recorded run with what is expected of it, line by line."""
+    state = run.state
+    steps = scenes.steps(scene)
+    if not len(state):
+        return [equal("samples answered", 0, steps)]
+    found = reduce_states(state.time, state.columns)
+    grant = {name: size * (scene.period / 1e-3) ** 2 for name, size in _ERROR_AT_1MS.items()}
+    lines = [Check("method", ", ".join(dict.fromkeys(state["method"])))]
+    if math.isfinite(expected.stop_time):
+        lines.append(
+            against("stop time", found.stop_time, expected.stop_time, grant["stop_time"], "s")
+        )
+    lines += [
+        against("distance", found.distance, expected.distance, grant["distance"], "m"),
+        against("turns", found.turns, expected.turns, grant["turns"], ""),
+        below("constraint, offset", found.worst_offset * 1e3, _WORST_OFFSET * 1e3, "mm"),
+        below(
+            "constraint, angle", found.worst_misalignment * 1e3, _WORST_MISALIGNMENT * 1e3, "mrad"
+        ),
+        below("residual of the laws", found.worst_residual, _WORST_RESIDUAL, ""),
+        equal("samples answered", len(_answered(run)), steps),
+        equal("samples lost", _lost(run), 0),
+        equal("samples refused", found.refused, 0),
+        *_recording(run),
+        *_times(run),
+    ]
+    return lines
+
+
+def _answered(run: Run) -> np.ndarray:
+    """Stamps of the samples with everything published for them: state and both wrenches."""
+    stamps = np.unique(run.state.stamp)
+    for topic in run.types:
+        if topic.endswith("/wrench"):
+            stamps = np.intersect1d(stamps, _stamps(run, topic))
+    return stamps
+
+
+def _lost(run: Run) -> int:
+    """Count samples whose motion was recorded and that were not answered."""
+    motion = [_stamps(run, topic) for topic in run.types if topic.endswith(("/pose", "/odom"))]
+    return int(np.setdiff1d(np.concatenate(motion), _answered(run)).size)
+
+
+def _stamps(run: Run, topic: str) -> np.ndarray:
+    table = run.table(topic)
+    return table.stamp if len(table) else np.empty(0, dtype=np.int64)
+
+
+def _recording(run: Run) -> list[Check]:
+    whole = run.incomplete is None
+    messages = f"{sum(run.counts.values())} messages"
+    return [Check("recording", messages if whole else str(run.incomplete), "whole", whole)]
+
+
+def _times(run: Run) -> list[Check]:
+    """What a sample costs: inside the connector, and from one answer to the next over ROS."""
+    computing = run.state["computing_time"] * 1e6
+    between = np.diff(run.state.log_time) * 1e-3
+    lines = []
+    for name, times in (("connector", computing), ("round trip", between)):
+        if len(times):
+            median, late = np.median(times), np.quantile(times, 0.99)
+            text = f"{median:.0f} µs median, {late:.0f} µs 99 %"
+            lines.append(Check(f"time a sample, {name}", text))
+    return lines
+
+
+def draw(run: Run, scene: Scene, expected: Reference, path: Path) -> Path:
+    """Draw the run with its reference."""
+    from cylconn_ros.report.picture import ReferenceCurves, draw_run, save_run
+
+    state = run.state
+    curves = ReferenceCurves(expected.t, expected.l, expected.alpha, expected.normal_force)
+    figure = draw_run(
+        state.time,
+        state.columns,
+        "A sleeve slides and spins down a shaft until friction stops it",
+        f"method {state['method'][0]}, period {scene.period * 1e3:g} ms, "
+        "plant and connector as two processes over ROS 2",
+        curves,
+        reduce_states(state.time, state.columns).stop_time,
+    )
+    save_run(figure, path)
+    return path

@@ -1,0 +1,118 @@
+"""What a run amounted to, from the connector's states: one reduction for every command."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cylconn_ros.connector.enums import FLAGS, REGIMES
+
+_STICK = 1
+_STOPPED = 128
+
+
+@dataclass(frozen=True)
+class Results:
+    """Numbers of a whole run (SI units)."""
+
+    samples: int
+    duration: float  # s, from the first to the last sample
+    distance: float  # m, slide at the end
+    turns: float  # spin at the end
+    stop_time: float  # s, when it came to rest for good; NaN if it did not
+    worst_offset: float  # m
+    worst_misalignment: float  # rad
+    worst_residual: float
+    refused: int  # samples answered with a zero wrench (status not OK)
+    regimes: dict[str, float]  # share of the samples in each
+    flags: dict[str, int]  # samples with each flag that was ever up, except "stopped"
+
+
+FIELDS = (
+    "regime", "flags", "displacement", "rotation", "stop_time", "offset_violation",
+    "angular_violation", "residual", "status",
+)  # fmt: skip
+"""Fields of ConnectorState that results are made of."""
+
+
+def reduce_states(time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[Any]]) -> Results:
+    """Reduce the states of a run.
+
+    Parameters
+    ----------
+    time
+        (n,) seconds, n > 0.
+    state
+        Fields of ConnectorState by name, n rows each.
+
+    """
+    reduction = Reduction()
+    reduction.add(time, state)
+    return reduction.result()
+
+
+class Reduction:
+    """The same of states that come piece by piece."""
+
+    def __init__(self) -> None:
+        self._samples = self._refused = 0
+        self._begin = self._end = self._stop = math.nan
+        self._last: dict[str, float] = {}
+        self._regimes = np.zeros(len(REGIMES), np.int64)
+        self._flags = np.zeros(len(FLAGS), np.int64)
+        self._worst = {"offset_violation": 0.0, "angular_violation": 0.0, "residual": 0.0}
+
+    def add(self, time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take the next n > 0 states; as for :func:`reduce_states`."""
+        if not self._samples:
+            self._begin = float(time[0])
+        self._end = float(time[-1])
+        self._samples += len(time)
+        regime, flags = np.asarray(state["regime"]), np.asarray(state["flags"]).astype(np.int64)
+        self._regimes += [np.count_nonzero(regime == k) for k in range(len(REGIMES))]
+        self._flags += [np.count_nonzero(flags & (1 << bit)) for bit in range(len(FLAGS))]
+        self._refused += int(np.count_nonzero(state["status"]))
+        self._last = {n: float(state[n][-1]) for n in ("displacement", "rotation", "regime")}
+        stops = np.flatnonzero(state["stop_time"] >= 0.0)
+        if len(stops):
+            self._stop = float(time[stops[-1]] + state["stop_time"][stops[-1]])
+        for name, worst in self._worst.items():
+            self._worst[name] = float(np.maximum(worst, _largest(state[name])))
+
+    def result(self) -> Results:
+        """What all of them amount to; there must have been some."""
+        shares = zip(REGIMES, self._regimes / self._samples, strict=True)
+        return Results(
+            samples=self._samples,
+            duration=self._end - self._begin,
+            distance=self._last["displacement"],
+            turns=self._last["rotation"] / (2.0 * np.pi),
+            stop_time=self._stop_time(),
+            worst_offset=self._worst["offset_violation"],
+            worst_misalignment=self._worst["angular_violation"],
+            worst_residual=self._worst["residual"],
+            refused=self._refused,
+            regimes={name: float(share) for name, share in shares if share > 0.0},
+            flags={
+                name: int(count)
+                for bit, (name, count) in enumerate(zip(FLAGS, self._flags, strict=True))
+                if count and 1 << bit != _STOPPED
+            },
+        )
+
+    def _stop_time(self) -> float:
+        """When the last rest began: the interpolated time of the step that came to rest."""
+        if self._last["regime"] != _STICK:
+            return math.nan
+        return self._begin if math.isnan(self._stop) else self._stop  # at rest from the start
+
+
+def _largest(values: npt.NDArray[Any]) -> float:
+    """Largest magnitude; NaN if any value is not finite, so that no check passes."""
+    values = np.abs(values)
+    return float(values.max()) if np.isfinite(values).all() else math.nan

@@ -1,0 +1,181 @@
+"""One source, compiled where numba is installed and run as it is where it is not.
+
+``entry`` marks the functions by which the physics is entered from outside, ``jit`` those within it,
+and ``inline`` the small ones among these, which are copied to where they are used: their tuples
+then stay in registers. All are written with scalars and tuples only, which numba compiles to
+machine code and plain Python runs at a useful speed. Arrays come in through entries and are read
+and written number by number.
+
+An entry is compiled at its first call, with everything that it calls. Only entries are compiled for
+callers from Python; the others, called from there, run as they are.
+
+Compiled code is cached per state of the sources: numba checks only the file a function stands in,
+not those of the functions it calls, so the cache directory carries a digest of all of them. It lies
+where an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_HOME/cylconn_ros``,
+else ``~/.cache/cylconn_ros``, else the directory for temporary files.
+"""
+
+import functools
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+try:
+    if os.environ.get("CYLCONN_NO_COMPILER"):
+        raise ImportError
+    import numba
+    from llvmlite import ir
+    from numba.extending import intrinsic, register_jitable
+except ImportError:
+    numba = None
+
+COMPILED = numba is not None
+"""Whether the physics runs compiled; ``CYLCONN_NO_COMPILER=1`` turns it off."""
+
+_IMPORT = re.compile(rb"^from cylconn_ros\.([a-z_.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def digested(package: Path) -> list[Path]:
+    """Sources whose change makes compiled code stale although the entry's own file is the same.
+
+    They are the modules that define device functions (``jit`` or ``inline``), whose code becomes
+    part of entries in other files, and the modules that these import, whose constants do.
+    """
+    found = set()
+    for source in package.rglob("*.py"):
+        imports = dict(_IMPORT.findall(source.read_bytes()))
+        if not re.search(rb"\b(jit|inline)\b", imports.get(b"core.jit", b"")):
+            continue
+        found.add(source)
+        for module, names in imports.items():
+            base = package.joinpath(*module.decode().split("."))
+            found.add(base.with_suffix(".py"))
+            found |= {base / f"{name}.py" for name in re.findall(r"\w+", names.decode())}
+    return sorted(source for source in found if source.is_file())
+
+
+def digest(package: Path) -> str:
+    """What tells one state of the compiled sources from another, and one compiler from another."""
+    known = hashlib.sha256(f"numba {numba.__version__}".encode() if COMPILED else b"")
+    for source in digested(package):
+        known.update(source.read_bytes())
+    return known.hexdigest()[:16]
+
+
+def cache_directory() -> str:
+    """Where compiled code is kept, made if need be; empty: beside the source, if numba can."""
+    home = os.environ.get("CYLCONN_CACHE_DIR")
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    temporary = Path(tempfile.gettempdir(), f"cylconn_ros-{os.getuid()}")
+    for root in (Path(home) if home else caches / "cylconn_ros", temporary):
+        directory = root / digest(Path(__file__).parent.parent)
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(directory, os.W_OK):
+            return str(directory)
+    return ""
+
+
+if COMPILED:
+    _DIRECTORY = cache_directory()
+    # No contraction of a b + c: a fifth faster, but its roundings hang on what is inlined where, so
+    # that two compilations of one source would part in their last digits.
+
+    def jit(function: Function) -> Function:
+        """Compile ``function`` for the entries that call it."""
+        inner: Function = register_jitable(forceinline=False, no_cfunc_wrapper=True)(function)
+        return inner
+
+    def inline(function: Function) -> Function:
+        """Compile ``function`` into everything that calls it: for what is small."""
+        inner: Function = register_jitable(forceinline=True, no_cfunc_wrapper=True)(function)
+        return inner
+
+    def _entry(function: Function, allocates: bool) -> Function:
+        theirs = numba.config.CACHE_DIR  # ours only: another package's cache stays where it was
+        numba.config.CACHE_DIR = _DIRECTORY or theirs
+        options = {"cache": True, "error_model": "numpy", "_nrt": allocates}  # 1/0 is inf, as in C
+        try:
+            compiled: Function = numba.njit(**options)(function)
+        finally:
+            numba.config.CACHE_DIR = theirs
+        return compiled
+
+    def entry(function: Function) -> Function:
+        """Compile ``function`` at its first call, or load it from the cache.
+
+        It must not make arrays: numba's runtime is left out, which would count references to every
+        array at every call.
+        """
+        return _entry(function, allocates=False)
+
+    def entry_that_allocates(function: Function) -> Function:
+        """Compile an entry that makes arrays."""
+        return _entry(function, allocates=True)
+
+    @intrinsic
+    def call(
+        _context: Any, address: Any, first: Any, second: Any, third: Any, fourth: Any
+    ) -> tuple[Any, Any]:
+        """Call the C function at ``address`` with whole numbers and pointers; the int it returns.
+
+        All five are int64. A function of fewer arguments does not look at the rest.
+        """
+        whole = numba.types.int64
+
+        def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+            wide = ir.IntType(64)
+            kind = ir.FunctionType(ir.IntType(32), [wide] * 4)
+            function = builder.inttoptr(values[0], kind.as_pointer())
+            return builder.sext(builder.call(function, list(values[1:])), wide)
+
+        return whole(whole, whole, whole, whole, whole), generate
+
+    def is_ready(function: Callable[..., Any]) -> bool:
+        """Whether an entry runs at once: compiled before, by this program or an earlier one."""
+        index = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
+        return bool(getattr(function, "signatures", ())) or any(Path(_DIRECTORY).rglob(index))
+else:
+
+    def jit(function: Function) -> Function:
+        """Leave ``function`` as it is: no compiler is installed."""
+        return function
+
+    inline = jit
+
+    def _numbers(argument: Any) -> Any:
+        vector = isinstance(argument, np.ndarray) and argument.ndim == 1
+        return argument.data if vector else argument
+
+    def entry(function: Function) -> Function:
+        """Lend ``function`` its vectors as memoryviews: their elements are Python's own floats.
+
+        NumPy's, which an array would give, take several times as long in every operation. Arrays of
+        more dimensions are passed on, for their rows to be lent by the entry that gets them.
+        """
+
+        @functools.wraps(function)
+        def lent(*arguments: Any) -> Any:
+            return function(*[_numbers(a) for a in arguments])
+
+        return lent  # type: ignore[return-value]
+
+    entry_that_allocates = entry
+
+    def call(address: int, first: int, second: int, third: int, fourth: int) -> int:
+        """Nothing can be called by its address without a compiler."""
+        raise RuntimeError("numba is missing: nothing can be called by its address")
+
+    def is_ready(function: Callable[..., Any]) -> bool:
+        """Whether an entry runs at once: always, as nothing is compiled."""
+        return True

@@ -1,0 +1,320 @@
+"""The candidates of friction on the disc, one curve, and the search for solutions along it.
+
+After the constrained components are eliminated two unknowns are left, phi = (f1f, m1f/R), with
+
+    s+      = s_free + S phi               slip velocity at the end; S symmetric, >= 0
+    s~      = (1 - theta) s- + theta s+    the one that friction opposes; theta = 1/2 or 1
+    (f, m)c = base + c1 phi1 + c2 phi2     the constraint reactions, hence FN
+
+    stick:   s+ = 0           and  |phi| <= limit(0, FN(phi))
+    slip:    phi = -s~ / r    and  |phi|  = limit(|s~|, FN(phi)),    r = |s~| / |phi| > 0
+
+so that all candidates lie on one curve, phi(r) = -(theta S + r I)^-1 s~free, from phi = 0 at r =
+inf to stick at r = 0. |phi| grows along it: the solution of least traction, which for a constant
+coefficient is that of least normal force, is the first one met when r comes down from infinity. The
+search therefore excludes stretches of the curve by bounds that hold for certain and never steps
+over a root.
+"""
+
+import math
+from typing import NamedTuple
+
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, last_force, limit
+from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.small_matrices import Four, eigen2
+
+Two = tuple[float, float]
+
+MOST_STRETCHES = 500
+MOST_SEARCHED = 5000  # steps of 2 %: 44 decades
+TOUCHES = 1e-9  # excess that counts as none where bounds cannot tell
+ROUNDING = 4e-16  # a relative error that counts as none
+NOTHING = 1e-100  # N: below it squares leave the range of doubles
+
+
+class Disc(NamedTuple):
+    """The equations left for phi (above); S by its eigenvalues and eigenvector (cos, sin)."""
+
+    s_minus: Two
+    s_free: Two
+    greater: float
+    lesser: float
+    cos: float
+    sin: float
+    base: Four
+    c1: Four
+    c2: Four
+
+
+class Curve(NamedTuple):
+    """phi(r) in the eigenvectors of S: -a / (l1 + r), -b / (l2 + r)."""
+
+    a: float
+    b: float
+    l1: float
+    l2: float
+    size: float  # |s~free|
+
+
+@inline
+def disc_problem(
+    s_minus: Two, s_free: Two, s11: float, s12: float, s22: float, base: Four, c1: Four, c2: Four
+) -> Disc:
+    """The problem for S given by its elements."""
+    greater, lesser, cos, sin = eigen2(s11, s12, s22)
+    if s11 > 0.0 and s22 > 0.0:  # no component is held: what is not positive is rounding
+        lesser = max(lesser, ROUNDING * min(s11, s22))
+    return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
+
+
+@inline
+def reaction(d: Disc, phi: Two) -> Four:
+    """The constraint reactions (f2, f3, m2, m3) that go with phi."""
+    p, q = phi
+    return (
+        d.base[0] + d.c1[0] * p + d.c2[0] * q,
+        d.base[1] + d.c1[1] * p + d.c2[1] * q,
+        d.base[2] + d.c1[2] * p + d.c2[2] * q,
+        d.base[3] + d.c1[3] * p + d.c2[3] * q,
+    )
+
+
+@inline
+def curve_of(d: Disc, theta: float) -> Curve:
+    """The curve of candidates for one theta."""
+    x = (1.0 - theta) * d.s_minus[0] + theta * d.s_free[0]
+    y = (1.0 - theta) * d.s_minus[1] + theta * d.s_free[1]
+    a, b = d.cos * x + d.sin * y, d.cos * y - d.sin * x
+    l1, l2 = theta * d.greater, theta * d.lesser
+    if b == 0.0:  # a held component at rest: it does not enter
+        l2 = l1
+    if a == 0.0:
+        l1 = l2
+    return Curve(a, b, l1, l2, math.sqrt(x * x + y * y))
+
+
+@inline
+def phi_at(d: Disc, c: Curve, r: float) -> Two:
+    """phi(r)."""
+    p, q = -c.a / (c.l1 + r), -c.b / (c.l2 + r)
+    return (d.cos * p - d.sin * q, d.sin * p + d.cos * q)
+
+
+@inline
+def _excess(law: Law, par: Array, d: Disc, c: Curve, r: float) -> float:
+    """limit/|phi| - 1 at r: not negative where stick is admissible, or beyond the root for slip."""
+    phi = phi_at(d, c, r)
+    size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
+    if size == 0.0:
+        return math.inf
+    normal = contact(law, reaction(d, phi)).normal
+    return limit(law, par, r * size, normal) / size - 1.0
+
+
+@inline
+def _ends(c: Curve) -> bool:
+    """Whether the curve has an end at r = 0: not where a held component moves."""
+    return c.l1 > 0.0 and c.l2 > 0.0
+
+
+@inline
+def excess_at_end(law: Law, par: Array, d: Disc, c: Curve) -> float:
+    """The excess of stick, r = 0; -1 where the curve does not end there."""
+    return _excess(law, par, d, c, 0.0) if _ends(c) else -1.0
+
+
+@inline
+def _growth(law: Law, d: Disc) -> float:
+    """A bound of the growth of FN with |phi|: a Lipschitz constant."""
+    f = d.c1[0] ** 2 + d.c1[1] ** 2 + d.c2[0] ** 2 + d.c2[1] ** 2
+    m = d.c1[2] ** 2 + d.c1[3] ** 2 + d.c2[2] ** 2 + d.c2[3] ** 2
+    return math.sqrt(f) + law.bending * math.sqrt(m)
+
+
+@jit
+def _bracketed(
+    law: Law, par: Array, d: Disc, c: Curve, low: float, g_low: float, high: float, g_high: float
+) -> float:
+    """The root between ``low``, where the excess ``g_low`` is negative, and ``high``.
+
+    The excess is linear in r where FN and the direction are constant, so regula falsi (Anderson and
+    Bjorck's form) takes a few evaluations. It keeps a rounding error's distance from both ends:
+    next to an end that has converged the first point beyond the root closes the bracket. Where it
+    takes long, every fourth evaluation halves the bracket, to be safe.
+    """
+    for k in range(200):
+        least = ROUNDING * high
+        if high - low <= 2.0 * least or g_high == 0.0:
+            break
+        r = 0.5 * (low + high)
+        falsi = low - g_low * (high - low) / (g_high - g_low)
+        if low <= falsi <= high and (k < 8 or k % 4 != 3):
+            r = min(max(falsi, low + least), high - least)
+        g = _excess(law, par, d, c, r)
+        if abs(g) <= ROUNDING:
+            return r
+        if g < 0.0:
+            m = 1.0 - g / g_low
+            g_high *= m if m > 0.0 else 0.5
+            low, g_low = r, g
+        else:
+            m = 1.0 - g / g_high
+            g_low *= m if m > 0.0 else 0.5
+            high, g_high = r, g
+    return high
+
+
+@inline
+def _bound(part: float, other: float, step: float) -> float:
+    """A lower bound at the far end of ``step`` of c/(l + r), linear in r and exact at the near end.
+
+    ``part`` is its value here, ``other`` there. Where c > 0 it is convex and the tangent bounds it,
+    where c < 0 it is concave and the chord does; ``step`` is the way from here to there over l + r.
+    """
+    return part * (1.0 + step) if part > 0.0 else other
+
+
+@jit
+def _free_of_roots(
+    law: Law, par: Array, d: Disc, c: Curve, growth: float, low: float, high: float
+) -> bool:
+    """Whether |phi| < limit for certain on the whole of [low, high]; it is so at high.
+
+    |phi| is convex in r, so its chord bounds it from above. Fr + Fbend is convex in phi, so its
+    tangent plane at high bounds it from below, and there the components of phi are convex or
+    concave in r (`_bound`). From above it is bounded by its chord plus growth times the bow of
+    phi(r). All bounds are linear in r: it is enough that they part at both ends. They err by the
+    square of the stretch.
+    """
+    x, y = -c.a / (c.l1 + high), -c.b / (c.l2 + high)
+    u, v = -c.a / (c.l1 + low), -c.b / (c.l2 + low)
+    size_high, size = math.sqrt(x * x + y * y), math.sqrt(u * u + v * v)
+    if size >= law.cap:
+        return False
+    f = reaction(d, phi_at(d, c, high))
+    here = contact(law, f)
+    there = contact(law, reaction(d, phi_at(d, c, low)))
+    # gradient of Fr + Fbend at high, in the eigenvectors
+    g1 = g2 = 0.0
+    if here.radial > 0.0:
+        g1 += (f[0] * d.c1[0] + f[1] * d.c1[1]) / here.radial
+        g2 += (f[0] * d.c2[0] + f[1] * d.c2[1]) / here.radial
+    if here.moment > 0.0:
+        g1 += law.bending * (f[2] * d.c1[2] + f[3] * d.c1[3]) / here.moment
+        g2 += law.bending * (f[2] * d.c2[2] + f[3] * d.c2[3]) / here.moment
+    p, q = d.cos * g1 + d.sin * g2, d.cos * g2 - d.sin * g1
+    pressed = here.radial + here.bending + law.preload
+    step = high - low
+    least = pressed - p * x - q * y
+    least += _bound(p * x, p * u, step / (c.l1 + high))
+    least += _bound(q * y, q * v, step / (c.l2 + high))
+    if pressed > 0.0 and least > 0.0:
+        normal_high, normal_low = pressed, least
+    else:  # FN = -(Fr + Fbend + FCint), or a stretch on which FN may vanish
+        bow = 0.25 * step * step * (abs(u) / (c.l1 + low) ** 2 + abs(v) / (c.l2 + low) ** 2)
+        normal_high = -pressed - growth * bow
+        normal_low = -(there.radial + there.bending + law.preload) - growth * bow
+        if normal_high <= 0.0 or normal_low <= 0.0:
+            return False
+    mu = coefficient(law, par, high * size_high, here.normal)
+    mu -= law.rate_slope * abs(high * size_high - low * size)
+    if law.force_slope > 0.0 and min(normal_high, normal_low) < last_force(law, par):
+        mu -= law.force_slope * growth * math.sqrt((x - u) * (x - u) + (y - v) * (y - v))
+    mu = max(mu, law.kinetic)
+    return mu * normal_high > size_high and mu * normal_low > size
+
+
+@jit
+def first_root(law: Law, par: Array, d: Disc, c: Curve, g_end: float) -> float:
+    """The greatest r of a root, given the excess at the end r = 0.
+
+    0.0: there is none (stick), inf: phi = 0 solves.
+    """
+    growth = _growth(law, d)
+    only_one = False
+    if law.rate_slope == 0.0 and law.force_slope == 0.0 and _ends(c):
+        spread = (c.l1 + c.l2) / (2.0 * math.sqrt(c.l1 * c.l2))  # |d phi| / d|phi|, Kantorovich
+        only_one = law.static * growth * spread < 1.0
+    if only_one and g_end >= 0.0:
+        return 0.0
+    resting = limit(law, par, c.size, contact(law, d.base).normal)
+    if resting <= NOTHING:
+        return math.inf
+    high = c.size / resting
+    if only_one:  # |phi| <= |s~free| / r, so one of these is beyond the root
+        for _ in range(200):
+            g_high = _excess(law, par, d, c, high)
+            if g_high >= 0.0:
+                return _bracketed(law, par, d, c, 0.0, g_end, high, g_high)
+            high *= 4.0
+        return math.inf
+    # From infinity down to the first stretch's upper end: there FN is FN(0), give or take growth
+    # |phi|.
+    certain = False
+    while not certain and high < 1e300:
+        high *= 4.0
+        size = c.size / (c.l2 + high)
+        normal = max(contact(law, d.base).normal - growth * size, 0.0)
+        mu = coefficient(law, par, c.size, contact(law, d.base).normal)
+        mu -= law.rate_slope * c.size * c.l1 / (c.l1 + high) + law.force_slope * growth * size
+        certain = size < min(law.cap, max(mu, law.kinetic) * normal)
+    if not certain:
+        return math.inf
+    g_high = _excess(law, par, d, c, high)
+    step = 0.5  # share of r to go down at once
+    for _ in range(MOST_STRETCHES):
+        low = high * (1.0 - step) if high > 1e-13 * c.l2 else 0.0
+        g_low = _excess(law, par, d, c, low)
+        if g_low >= 0.0 and _free_of_roots(law, par, d, c, growth, low, high):
+            if low == 0.0:
+                return 0.0
+            high, g_high = low, g_low
+            step = min(2.0 * step, 0.9)
+            continue
+        if step < 1e-6 and g_low < 0.0:
+            return _bracketed(law, par, d, c, low, g_low, high, g_high)
+        if step < 1e-15:  # it touches, a double root; or the bend is too sharp for the bounds
+            return high if g_high <= TOUCHES else _searched(law, par, d, c, high, g_high, g_end)
+        step *= 0.25
+    return _searched(law, par, d, c, high, g_high, g_end)
+
+
+@jit
+def _searched(
+    law: Law, par: Array, d: Disc, c: Curve, high: float, g_high: float, g_end: float
+) -> float:
+    """The first change of sign below ``high`` on a geometric grid, where bounds took too long.
+
+    It happens where limit and traction all but touch over a long stretch, with a coefficient that
+    varies.
+    """
+    for _ in range(MOST_SEARCHED):
+        low, g_low = 0.98 * high, 0.0
+        if low > 1e-13 * c.l2 + 1e-290:
+            g_low = _excess(law, par, d, c, low)
+        elif _ends(c):
+            low, g_low = 0.0, g_end
+        else:
+            break
+        if g_low < 0.0:
+            return _bracketed(law, par, d, c, low, g_low, high, g_high)
+        high, g_high = low, g_low
+    return high
+
+
+@jit
+def last_root(law: Law, par: Array, d: Disc, c: Curve) -> float:
+    """The root next to r = 0, found by going up from there; inf: there is none."""
+    greatest = limit(law, par, c.size, contact(law, d.base).normal)
+    low = 1e-13 * c.l2
+    if not _ends(c):
+        held = abs(c.b) if c.l2 <= 0.0 and c.b != 0.0 else abs(c.a)  # that moves
+        low = ROUNDING * held / max(greatest, NOTHING)
+    g_low = _excess(law, par, d, c, low)
+    for _ in range(MOST_SEARCHED):
+        high = 1.05 * low
+        g_high = _excess(law, par, d, c, high)
+        if g_low < 0.0 <= g_high:
+            return _bracketed(law, par, d, c, low, g_low, high, g_high)
+        low, g_low = high, g_high
+    return math.inf

@@ -1,0 +1,208 @@
+"""The target of fast turning, from its definition: the end of the step foreseen.
+
+Between TURNS and MOST_TURNS of |w| h, PASSES times over: the end under the wrench for the target so
+far, with f1 and m1 of the last answer, and a step of Newton's method for J(q+) v+ + k e(q+)/h = 0
+from there. Rotations as the plant's are defined: Runge-Kutta-Munthe-Kaas, fourth order, in steps
+of at most a tenth of a radian.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import layout
+from cylconn_ros.laws import rigid
+from cylconn_ros.laws.parameters import Bodies, Bools, Parameters, Rows
+from cylconn_ros.laws.sample_state import Motion, Observed, frame, relative, violation
+from cylconn_ros.laws.step import (
+    AVAILABLE,
+    CONSTRAINED,
+    MOST_TURNS,
+    Step,
+    by_wrench,
+    compliance,
+    euler,
+    frozen,
+    inverse,
+    pull_in,
+    pulled,
+)
+
+Array = NDArray[np.float64]
+TURNS = 0.1
+MOST_IN_STEP = 1.5  # rad by which a body may turn under the wrench; beyond, the target so far stays
+PASSES = 3
+GAIN = 5.0
+
+
+@dataclasses.dataclass
+class _End(Rows):
+    """The end of a step under a wrench, by the row."""
+
+    rates: Array  # (n, 6) J(q_p) v_p
+    rates_size: Array
+    error: Array  # (n, 4)
+    error_size: Array
+    known: Bools
+
+
+def begin(p: Parameters, o: Observed, sample: Array) -> Step:
+    """All that the laws of a step need besides its wrench. sample: (n, NSAMPLE)."""
+    s = frozen(p, o, sample)
+    rows = np.flatnonzero(is_fast(p, o))
+    if not len(rows):
+        return s
+    better = foreseen(p.take(rows), o.take(rows), s.take(rows), sample[rows])
+    changed = {}
+    for name in ("bracket", "bracket_size", "target", "target_size"):
+        changed[name] = getattr(s, name).copy()
+        changed[name][rows] = getattr(better, name)
+    return dataclasses.replace(s, **changed)
+
+
+def is_fast(p: Parameters, o: Observed) -> Bools:
+    """(n,) whether the end of the step is foreseen."""
+    turn = p.h * np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
+    possible = ~p.explicit & ~p.held_in_body & (p.a.free | p.b.free)
+    return np.asarray(possible & (turn > TURNS) & (turn < MOST_TURNS))
+
+
+def foreseen(p: Parameters, o: Observed, s: Step, sample: Array) -> Step:
+    """The step with bracket and target of the end foreseen; every row is to be fast."""
+    g = compliance(p, s)
+    inner, across = g[:, CONSTRAINED][:, :, CONSTRAINED], g[:, CONSTRAINED][:, :, AVAILABLE]
+    scale = np.sqrt(np.einsum("nii->ni", inner))
+    even = inner / (scale[:, :, None] * scale[:, None, :])
+    spread = np.abs(inverse(inner))
+    h = p.h[:, None]
+    going = np.ones(len(p.h), dtype=np.bool_)
+    for _ in range(PASSES):
+        wrench, terms = np.zeros((len(p.h), 6)), np.zeros((len(p.h), 6))
+        wrench[:, AVAILABLE] = o.total
+        terms[:, AVAILABLE] = np.abs(o.total)
+        needed = (s.target - s.free[:, CONSTRAINED]) / h
+        needed -= np.einsum("nij,nj->ni", across, o.total)
+        size = (s.target_size + s.free_size[:, CONSTRAINED]) / h
+        size += np.einsum("nij,nj->ni", np.abs(across), np.abs(o.total))
+        wrench[:, CONSTRAINED] = np.linalg.solve(even, (needed / scale)[:, :, None])[:, :, 0]
+        wrench[:, CONSTRAINED] /= scale
+        terms[:, CONSTRAINED] = np.einsum("nij,nj->ni", spread, size)
+        added, added_size = by_wrench(p, s, wrench, terms)
+        rates, rates_size = s.free + added, s.free_size + added_size
+        rates[:, CONSTRAINED] = s.target
+        end = _end(p, o, s, sample, wrench, terms)
+        going &= end.known
+        s = _towards(p, o, s, rates, rates_size, end, going)
+    return s
+
+
+def _towards(
+    p: Parameters, o: Observed, s: Step, rates: Array, size: Array, end: _End, going: Bools
+) -> Step:
+    """One step of Newton's method where it is ``going``."""
+    away = dataclasses.replace(o, error=end.error, error_size=end.error_size)
+    back, back_size = pulled(away, p.h / GAIN, pull_in(p, o))
+    share, rows = 1.0 / (1.0 + 0.5 * GAIN), going[:, None]
+    target = s.target - share * (end.rates[:, CONSTRAINED] - back)
+    target_size = s.target_size + share * (end.rates_size[:, CONSTRAINED] + back_size)
+    return dataclasses.replace(
+        s,
+        bracket=np.where(rows, end.rates - rates, s.bracket),
+        bracket_size=np.where(rows, end.rates_size + size, s.bracket_size),
+        target=np.where(rows, target, s.target),
+        target_size=np.where(rows, target_size, s.target_size),
+    )
+
+
+def _end(p: Parameters, o: Observed, s: Step, sample: Array, wrench: Array, terms: Array) -> _End:
+    force = rigid.out_of(s.frame.axes, wrench[:, :3])
+    moment = rigid.out_of(s.frame.untwisted, wrench[:, 3:])
+    force_size = rigid.out_of(np.abs(s.frame.axes), terms[:, :3])
+    moment_size = rigid.out_of(np.abs(s.frame.untwisted), terms[:, 3:])
+    ends, spins, known = [], [], np.ones(len(p.h), dtype=np.bool_)
+    for sign, body, m, arm, arm_size, inverted, load in (
+        (-1.0, p.a, o.a, s.frame.arm_a, s.frame.arm_a_size, s.inverse_a, layout.A_LOAD),
+        (1.0, p.b, o.b, s.frame.arm_b, s.frame.arm_b_size, s.inverse_b, layout.B_LOAD),
+    ):
+        outer = sample[:, load : load + 6]
+        lever = rigid.out_of(rigid.matrix(m.orientation), body.com)
+        push = sign * force + outer[:, :3]
+        torque = sign * (np.cross(arm, force) + moment)
+        torque += outer[:, 3:] - np.cross(lever, outer[:, :3])
+        torque_size = rigid.cross_size(arm_size, force_size) + moment_size
+        torque_size += np.abs(outer[:, 3:]) + rigid.cross_size(lever, outer[:, :3])
+        end, turn = _moved(p, body, m, push, force_size + np.abs(outer[:, :3]), torque)
+        known &= turn < MOST_IN_STEP
+        ends.append(end)
+        turned = p.h[:, None] * rigid.out_of(np.abs(inverted), torque_size)
+        spins.append(np.abs(m.spin) + np.abs(end.spin) + turned)
+    a, b = ends
+    with np.errstate(over="ignore", invalid="ignore"):
+        f = frame(p, a, b, o.swing)
+        rates, _ = relative(f, a.velocity, a.spin, b.velocity, b.spin)
+        _, size = relative(f, a.velocity_size, spins[0], b.velocity_size, spins[1])
+        error, error_size = violation(p, a, b, f, o)
+        error_size = error_size + p.h[:, None] * size[:, CONSTRAINED]
+    return _End(rates, size, error, error_size, known)
+
+
+def _moved(
+    p: Parameters, body: Bodies, m: Motion, push: Array, push_size: Array, torque: Array
+) -> tuple[Motion, Array]:
+    """The motion after h under force and torque about the mass centre; by how much it turns."""
+    h, free = p.h[:, None], body.free[:, None]
+    gain = np.where(free, p.gravity + body.inverse_mass[:, None] * push, 0.0)
+    gain_size = np.abs(p.gravity) + body.inverse_mass[:, None] * push_size
+    gain_size = np.where(free, gain_size, 0.0)
+    rate = euler(body, m.orientation, m.spin, np.abs(m.spin), torque, np.abs(torque))[0]
+    bent = np.where(body.free, 0.5 * p.h * rigid.norm(rate), 0.0)
+    turn = p.h * (rigid.norm(m.spin) + bent)
+    q, spin = _turned(p, body, m, torque, np.where(turn < MOST_IN_STEP, turn, 0.0))
+    still = rigid.turned(m.orientation, h * m.spin)
+    end = Motion(
+        m.com + h * m.velocity + 0.5 * h * h * gain,
+        np.where(free, q, still),
+        m.velocity + h * gain,
+        np.where(free, spin, m.spin),
+        m.com_size + h * m.velocity_size + 0.5 * h * h * gain_size,
+        m.velocity_size + h * gain_size,
+    )
+    return end, turn
+
+
+def _turned(
+    p: Parameters, body: Bodies, m: Motion, torque: Array, turn: Array
+) -> tuple[Array, Array]:
+    """Orientation and spin after h under a torque held in world axes."""
+    steps = 1 + (10.0 * turn).astype(np.int64)
+    dt = (p.h / steps)[:, None]
+    q = m.orientation
+    axes = rigid.matrix(q)
+    momentum = rigid.out_of(axes, rigid.out_of(body.inertia, rigid.into(axes, m.spin)))
+    for k in range(int(steps.max(initial=1))):
+        half, whole = momentum + 0.5 * dt * torque, momentum + dt * torque
+        k1 = _spin(body, q, momentum)
+        u = 0.5 * dt * k1
+        k2 = _rate(u, _spin(body, rigid.turned(q, u), half))
+        u = 0.5 * dt * k2
+        k3 = _rate(u, _spin(body, rigid.turned(q, u), half))
+        u = dt * k3
+        k4 = _rate(u, _spin(body, rigid.turned(q, u), whole))
+        goes = (k < steps)[:, None]
+        q = np.where(goes, rigid.turned(q, dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)), q)
+        momentum = np.where(goes, whole, momentum)
+    return q, _spin(body, q, momentum)
+
+
+def _spin(body: Bodies, q: Array, momentum: Array) -> Array:
+    axes = rigid.matrix(q)
+    return rigid.out_of(axes, rigid.out_of(body.inverse_inertia, rigid.into(axes, momentum)))
+
+
+def _rate(u: Array, w: Array) -> Array:
+    """The rate of the rotation vector u at the spin w, to the fourth order."""
+    across = np.cross(u, w)
+    return np.asarray(w - 0.5 * across + np.cross(u, across) / 12.0)

@@ -1,0 +1,270 @@
+"""Random scenes and states over extreme scales, every extreme drawn jointly with the others.
+
+A scene is drawn from its own generator, seeded by (seed, number): any one of them can be made
+again alone. Families steer the draw where a regime would otherwise be rare: nothing is taken away
+from the range of the other quantities.
+
+One thing is: an arm from a mass centre to the connector is at most FARTHEST least radii of gyration
+k. The inertia that a force meets there holds 1/m beside r^2/I, so that of its sixteen digits
+2 log10(r/k) are lost: at FARTHEST half of them, beyond it nobody's answer means much.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.laws import rigid
+from cylconn_ros.laws.random import Random, decades, direction, generator, orientation
+from cylconn_ros.scene.scene import Scene
+
+Array = NDArray[np.float64]
+FARTHEST = 1e4
+WITHOUT_BOUNDS = ("baumgarte",)
+WITHOUT_INERTIA = ("penalty", "augmented_lagrangian")
+FAMILIES = ("wide", "sliding", "roots", "wide", "roots", "sliding", "jam", "roots", "turning")
+KINDS = (
+    ("free", "free"),
+    ("fixed", "free"),
+    ("free", "fixed"),
+    ("driven", "free"),
+    ("free", "driven"),
+)
+
+
+def family(number: int) -> str:
+    """The family of scene ``number``."""
+    return FAMILIES[number % len(FAMILIES)]
+
+
+def scene(seed: int, number: int, method: str = "impulse") -> Scene:
+    """The scene ``number`` of the draw ``seed``."""
+    rng = generator(seed, number)
+    kind = family(number)
+    mass = decades(rng, -2.0, 2.0)
+    arm = decades(rng, -2.5, 0.0)  # m, of the inertia
+    inertia = mass * arm * arm
+    ratio_mass, ratio_inertia = decades(rng, -6.0, 6.0, 2)
+    period = float(decades(rng, -4.0, -1.0))
+    shares = [0.2, 0.4, 0.0, 0.4, 0.0] if kind == "roots" else [0.5, 0.15, 0.1, 0.15, 0.1]
+    kind_a, kind_b = KINDS[int(rng.choice(len(KINDS), p=shares))]
+    weight = mass * 9.81
+    values: dict[str, Any] = {
+        "method": method,
+        "period": period,
+        "gravity": _list(rng.choice([0.0, 1.0, 1.0]) * 9.81 * direction(rng, 1)[0]),
+        "body_a": _body(rng, kind_a, mass * ratio_mass, inertia * ratio_inertia),
+        "body_b": _body(rng, kind_b, mass, inertia),
+        "node_a": {"position": _far(rng), "orientation": _list(orientation(rng, 1)[0])},
+        "node_b": {"position": _far(rng)},
+        "reference": _reference(rng),
+        "friction": _friction(rng, kind, weight, arm),
+        "wrench": {
+            "axes": str(rng.choice(["body", "world"])),
+            "point": str(rng.choice(["origin", "com"])),
+            "hold": str(rng.choice(["world", "world", "body"])),
+        },
+        "plant_integration": str(rng.choice(["exact", "exact", "exact", "semi_implicit"])),
+    }
+    if kind == "roots":
+        _bind(rng, values)
+    if rng.random() < 0.3:
+        values["elasticity"] = {
+            "k1": mass / period**2 * decades(rng, -6.0, 1.0),
+            "kr1": inertia / period**2 * decades(rng, -6.0, 1.0),
+        }
+    if rng.random() < 0.3:
+        values["damping"] = {
+            "c1": mass / period * decades(rng, -5.0, 1.0),
+            "cr1": inertia / period * decades(rng, -5.0, 1.0),
+        }
+    if rng.random() < 0.1:
+        values["limits"] = {"force": weight * decades(rng, -2.0, 3.0)}
+        if rng.random() < 0.5:
+            values["limits"]["torque"] = weight * arm * decades(rng, -2.0, 3.0)
+    more = generator(seed, number, 1)
+    if more.random() < 0.5:
+        values["node_b"]["orientation"] = _list(orientation(more, 1)[0])
+    reach = _within_reach(values)
+    if method in WITHOUT_INERTIA:
+        values["penalty"] = _gains(more, mass, inertia, period)
+    if method in WITHOUT_BOUNDS:
+        values["command"] = {name: _force(more, weight) for name in ("slide", "spin")}
+    elif more.random() < (0.25 if kind == "roots" else 0.5):
+        _bound(more, values, weight, reach)
+    return Scene.from_parameters(values)
+
+
+def _within_reach(values: dict[str, Any]) -> float:
+    """Bring connector, mass centres and gravity within reach; how long the slide may be, m.
+
+    Half of the longest arm is for the node from its mass centre and half for the slide.
+    """
+    reach, fall = math.inf, math.inf
+    for body, node in (("body_a", "node_a"), ("body_b", "node_b")):
+        given = values[body]
+        if given["kind"] != "free":
+            continue
+        k = math.sqrt(least_moment(given["inertia"]) / given["mass"])
+        arm = float(np.linalg.norm(np.subtract(values[node]["position"], given["com"])))
+        share = min(1.0, 0.5 * FARTHEST * k / arm) if arm > 0.0 else 1.0
+        given["com"] = [share * x for x in given["com"]]
+        values[node]["position"] = [share * x for x in values[node]["position"]]
+        fall = min(fall, 0.05 * FARTHEST * k)
+        if body == "body_a":
+            reach = 0.5 * FARTHEST * k
+    way = values["period"] ** 2 * 9.81 / 6.0  # by which weight moves a mass centre's mean
+    values["gravity"] = [min(1.0, fall / way) * x for x in values["gravity"]]
+    return reach
+
+
+def least_moment(elements: list[float]) -> float:
+    """The least principal moment of an inertia tensor."""
+    xx, xy, xz, yy, yz, zz = elements
+    return float(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0])
+
+
+def _gains(rng: Random, mass: float, inertia: float, period: float) -> dict[str, float]:
+    """A spring and a damper, not all of them stable."""
+    soft = decades(rng, -4.0, 0.0)
+    return {
+        "stiffness": float(soft * mass / period**2),
+        "damping": float(soft * mass / period),
+        "rotational_stiffness": float(soft * inertia / period**2),
+        "rotational_damping": float(soft * inertia / period),
+    }
+
+
+def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> None:
+    """Stops, a lock, an imposed motion or force: each now and then, and together."""
+    stops: dict[str, float] = {}
+    given = "orientation" in values["node_b"]  # the angle begins at 0 where it is not
+    middle = float(rng.uniform(-3.0, 3.0)) if given else 0.0
+    for name, chance, at in (
+        ("l", 0.7, min(reach, 10.0) * rng.uniform(-1.0, 1.0) * decades(rng, -3.0, -0.5)),
+        ("theta", 0.5, middle + (0.0 if given else rng.normal() * decades(rng, -6.0, 0.5))),
+    ):
+        if rng.random() > chance:
+            continue
+        room = float(decades(rng, -7.0, 0.5)) * (min(reach, 1.0) if name == "l" else 1.0)
+        which = rng.integers(3)  # lower, upper, both
+        if which != 1:
+            stops[f"{name}_min"] = float(at)
+        if which != 0:
+            stops[f"{name}_max"] = float(at) + room
+    if stops and rng.random() < 0.8:
+        some = (0.0, 1.0, float(rng.random()), float(rng.random()), float(decades(rng, -6.0, 0.0)))
+        stops["restitution"] = some[rng.integers(len(some))]
+    values["stops"] = stops
+    if rng.random() < 0.15:
+        lock: dict[str, Any] = {"component": str(rng.choice(["slide", "spin"]))}
+        if rng.random() < 0.6:
+            lock["position"] = float(rng.normal() * decades(rng, -3.0, 0.0) * min(reach, 1.0))
+        if rng.random() < 0.5 or "position" not in lock:
+            lock["force"] = float(weight * decades(rng, -3.0, 2.0))
+        values["lock"] = lock
+    command: dict[str, Any] = {}
+    for name in ("slide", "spin"):
+        if rng.random() < 0.12:
+            command[name] = _force(rng, weight)
+        elif rng.random() < 0.12:
+            command[name] = _motion(rng, min(reach, 1.0) if name == "slide" else 1.0)
+    values["command"] = command
+    if "reference" in values:  # a constitutive reference has to lie within the stops
+        values["reference"].pop("length", None)
+        values["reference"].pop("angle", None)
+
+
+def _force(rng: Random, weight: float) -> dict[str, float]:
+    return {"force": float(rng.normal() * weight * decades(rng, -3.0, 3.0))}
+
+
+def _motion(rng: Random, reach: float) -> dict[str, float]:
+    motion: dict[str, float] = {}
+    which = rng.integers(3)  # a place, a rate, a place that moves on
+    if which != 1:
+        motion["position"] = float(rng.normal() * decades(rng, -4.0, 0.0) * reach)
+    if which != 0:
+        motion["velocity"] = float(rng.normal() * decades(rng, -4.0, 1.0) * reach)
+    return motion
+
+
+def _bind(rng: Random, values: dict[str, Any]) -> None:
+    """Choose the mass centre off node b and the overlap so that friction may bind: c about 1."""
+    body, friction = values["body_b"], values["friction"]
+    node = np.array(values["node_b"]["position"])
+    arm = direction(rng, 1)[0] * decades(rng, -3.0, 0.5)
+    body["com"] = _list(node + arm)
+    mu = friction.get("coefficient", 1.0)
+    coupling = decades(rng, -0.3, 2.0)
+    friction["overlap"] = float(2.0 * mu * np.linalg.norm(arm) / coupling)
+
+
+def _list(values: Array) -> list[float]:
+    return [float(x) for x in values]
+
+
+def _far(rng: Random) -> list[float]:
+    return _list(direction(rng, 1)[0] * decades(rng, -3.0, 0.5) * rng.choice([0.0, 1.0, 1.0]))
+
+
+def _body(rng: Random, kind: str, mass: float, inertia: float) -> dict[str, Any]:
+    pose = [*_list(rng.normal(size=3)), *_list(orientation(rng, 1)[0])]
+    if kind != "free":
+        return {"kind": kind, "pose": pose}
+    # squared radii along the principal axes: their pairwise sums are moments that a body can have
+    spread = decades(rng, -3.0, 0.0, 3) if rng.random() < 0.3 else decades(rng, -0.7, 0.0, 3)
+    moments = inertia * (spread.sum() - spread) / (spread.sum())
+    axes = rigid.matrix(orientation(rng, 1))[0]
+    tensor = axes @ np.diag(moments) @ axes.T
+    elements = [float(tensor[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+    com = direction(rng, 1)[0] * decades(rng, -3.0, 1.0) * rng.choice([0.0, 1.0, 1.0])
+    return {"kind": kind, "pose": pose, "mass": mass, "com": _list(com), "inertia": elements}
+
+
+def _reference(rng: Random) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "offsets": str(rng.choice(["hold", "zero"])),
+        "misalignment": str(rng.choice(["hold", "zero"])),
+        "pull_in_speed": float(decades(rng, -3.0, 2.0)),
+        "pull_in_rate": float(decades(rng, -3.0, 2.0)),
+    }
+    if rng.random() < 0.3:
+        values["length"], values["angle"] = _list(rng.normal(size=2))
+    return values
+
+
+def _friction(rng: Random, kind: str, weight: float, arm: float) -> dict[str, Any]:
+    if kind == "wide" and rng.random() < 0.15:
+        return {}
+    high = {"sliding": -0.3, "turning": 0.0}.get(kind, 1.0)
+    mu = float(decades(rng, -2.5, high))
+    low = {"jam": -6.0, "roots": -3.0, "wide": -6.0}.get(kind, -1.0)
+    overlap = float(decades(rng, low, 0.5))
+    values: dict[str, Any] = {
+        "coefficient": mu,
+        "radius": float(decades(rng, -6.0 if rng.random() < 0.3 else -2.5, 0.0)),
+        "overlap": 0.0 if rng.random() < 0.2 and kind != "roots" else overlap,
+        "preload": float(rng.choice([0.0, 1.0, 1.0, -1.0]) * weight * decades(rng, -3.0, 3.0)),
+    }
+    variable = rng.random()
+    if variable < 0.2:
+        values["static_coefficient"] = mu * (1.0 + rng.random())
+        values["decay"] = float(decades(rng, -2.0, 2.0))
+    elif variable < 0.3:
+        del values["coefficient"]
+        values["table"] = _table(rng, mu, weight)
+    if rng.random() < 0.2:
+        values["max_force"] = float(weight * decades(rng, -2.0, 3.0))
+    return values
+
+
+def _table(rng: Random, mu: float, weight: float) -> dict[str, list[float]]:
+    rows, columns = int(rng.integers(1, 4)), int(rng.integers(1, 4))
+    rates = np.cumsum(decades(rng, -2.0, 1.0, rows))
+    forces = weight * np.cumsum(decades(rng, -2.0, 2.0, columns))
+    values = mu * rng.uniform(0.5, 1.5, rows * columns)
+    return {"rates": _list(rates), "forces": _list(forces), "values": _list(values)}

@@ -1,0 +1,1 @@
+"""Serialized ROS messages to samples and back, without rclpy."""

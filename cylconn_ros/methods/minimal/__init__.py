@@ -1,0 +1,1 @@
+"""Method `minimal`: the scene in joint coordinates, integrated adaptively with events."""

@@ -1,0 +1,99 @@
+"""What an integrated motion is at given times, a row of numbers each."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from cylconn_ros.core import layout as out_at
+from cylconn_ros.core import model
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.jit import entry_that_allocates, jit
+from cylconn_ros.core.relative_state import observe
+from cylconn_ros.core.rigid_body import Body, Motion
+from cylconn_ros.core.vectors import cross, matrix, out_of, sub
+from cylconn_ros.methods.minimal import derivatives as rates
+from cylconn_ros.methods.minimal.coordinates import place, reduced
+from cylconn_ros.methods.minimal.derivatives import size_of
+from cylconn_ros.methods.minimal.forces import instant_of
+from cylconn_ros.methods.minimal.initial import begin_imposed, start
+from cylconn_ros.methods.minimal.integrate import Ran, integrate
+from cylconn_ros.methods.minimal.one_step import State
+
+# --- a row: poses and twists of both bodies as in a sample, and then ---
+COORDINATES: Final = 26  # length, angle, their rates
+FORCES: Final = 30  # f1 f2 f3 m1 m2 m3
+FRICTION: Final = 36  # f1f, m1f
+REACTION: Final = 38  # of stops and locks in f1, m1
+NORMAL: Final = 40
+TRACTION: Final = 41
+LIMIT: Final = 42
+REGIME: Final = 43
+INTEGRALS: Final = 44
+WIDTH: Final = INTEGRALS + rates.INTEGRALS
+
+
+@jit
+def _put_body(row: Array, first: int, body: Body, m: Motion) -> None:
+    """Pose and twist of the body's frame."""
+    arm = out_of(matrix(m.orientation), body.com)
+    model.put(row, first, sub(m.com, arm))
+    for k in range(4):
+        row[first + 3 + k] = m.orientation[k]
+    model.put(row, first + 7, sub(m.velocity, cross(m.spin, arm)))
+    model.put(row, first + 10, m.spin)
+
+
+@jit
+def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) -> None:
+    """Fill ``row`` (WIDTH,) for the coordinates y at t."""
+    p = place(par, joint, t, y)
+    i = instant_of(par, joint, y, reduced(par, joint, y, p), s.stuck, s.sides)
+    _put_body(row, out_at.A_POSE, model.body(par, model.BODY_A), p.a)
+    _put_body(row, out_at.B_POSE, model.body(par, model.BODY_B), p.b)
+    for k in range(4):
+        row[COORDINATES + k] = y[k]
+    f, c = FORCES, i.constraint
+    row[f], row[f + 3] = i.total
+    row[f + 1], row[f + 2], row[f + 4], row[f + 5] = c
+    row[FRICTION], row[FRICTION + 1] = i.friction
+    row[REACTION], row[REACTION + 1] = i.reaction
+    row[NORMAL], row[TRACTION], row[LIMIT] = i.normal, i.traction, i.limit
+    regime = out_at.STICK if s.stuck else out_at.SLIP
+    row[REGIME] = regime if model.law(par).on else out_at.FRICTIONLESS
+    n = size_of(joint)
+    for k in range(rates.INTEGRALS):
+        row[INTEGRALS + k] = y[n + k]
+
+
+@entry_that_allocates
+def begin(par: Array, sample: Array, joint: Array, y: Array) -> None:
+    """Fill ``joint`` (NJOINT,) and ``y`` from the first sample (NSAMPLE,), as the scene says."""
+    mem = np.zeros(model.NMEM)
+    observed = observe(par, mem, sample, np.zeros(out_at.NOUT))
+    start(par, mem, sample, observed, False, joint, y)
+    begin_imposed(par, joint, y)
+
+
+@entry_that_allocates
+def trajectory(
+    par: Array, joint: Array, y: Array, times: Array, tolerance: float, first: float,
+    rows: Array, log: Array, most: int,
+) -> Ran:  # fmt: skip
+    """Integrate from 0 through ``times`` (N,), ascending, and fill ``rows`` (N, WIDTH)."""
+    ran = Ran(
+        0.0, State(False, (0, 0), False, False, False, -math.inf), 0, 0, True, False, math.inf
+    )
+    evaluations, coarse = 0, math.inf
+    for k in range(times.shape[0]):
+        s = ran.state
+        ran = integrate(
+            par, joint, y, ran.t, times[k], tolerance, first, s.locked, s.stuck, log, ran.events,
+            most,
+        )  # fmt: skip
+        evaluations += ran.evaluations
+        coarse = min(coarse, ran.coarse)
+        if not ran.complete:
+            break
+        put_row(par, joint, times[k], y, ran.state, rows[k])
+    return Ran(ran.t, ran.state, ran.events, evaluations, ran.complete, ran.blocked, coarse)

@@ -1,0 +1,1 @@
+"""Child processes and interruption: what commands and benchmarks share."""

@@ -1,8 +1,0 @@
-"""The topics that all contestants serve: four inputs, three outputs."""
-
-from __future__ import annotations
-
-from cylconn_ros.ros.answering import POSE, STATE, TWIST, WRENCH
-
-INPUTS = {"body_a/pose": POSE, "body_a/twist": TWIST, "body_b/pose": POSE, "body_b/twist": TWIST}
-OUTPUTS = {"body_a/wrench": WRENCH, "body_b/wrench": WRENCH, "connector/state": STATE}

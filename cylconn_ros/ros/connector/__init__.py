@@ -1,0 +1,1 @@
+"""The connector node: lifecycle, parameters, topics, diagnostics, recording."""

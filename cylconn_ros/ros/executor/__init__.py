@@ -1,0 +1,1 @@
+"""The executor that waits for message events and takes serialized messages."""

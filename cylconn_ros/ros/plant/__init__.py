@@ -1,0 +1,1 @@
+"""The plant node: two rigid bodies that stand in for a simulator."""

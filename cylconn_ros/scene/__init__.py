@@ -1,0 +1,1 @@
+"""The scene: parameters of a connector, their schema, checks and files."""

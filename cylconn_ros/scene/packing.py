@@ -1,0 +1,220 @@
+"""A scene in numbers: the array that the compiled step reads, and the method it asks for."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import model
+from cylconn_ros.errors import SceneError
+from cylconn_ros.scene.scene import Body, Friction, Node, Scene
+
+Array = NDArray[np.float64]
+
+COARSE = 1e-3  # a tolerance that impulse keeps up to some hundredths of a radian a sample
+SHARE = 0.01  # of the tolerance, for the steps of minimal: on all scenes measured 0.05 is enough
+LEAST = 1e-13  # tolerance of a step; below it is rounding
+
+
+def choose_method(scene: Scene) -> str:
+    """The method that ``auto`` stands for: impulse where every inertia is known, else penalty.
+
+    Minimal, where an accuracy is asked that impulse does not reach at usual periods.
+    """
+    if scene.method != "auto":
+        return scene.method
+    if "unknown" in (scene.body_a.kind, scene.body_b.kind):
+        return "penalty"
+    return "minimal" if 0.0 < scene.tolerance < COARSE else "impulse"
+
+
+def step_tolerance(tolerance: float) -> float:
+    """What minimal's steps must keep for the motion to be within ``tolerance``; 0: none given."""
+    return max(SHARE * tolerance, LEAST) if tolerance > 0.0 else 0.0
+
+
+def pack(scene: Scene, *, plant: bool = False) -> Array:
+    """The parameter array of ``scene``, laid out as in :mod:`cylconn_ros.core.model`.
+
+    A plant knows the inertia of every body that it moves, also where the connector does not.
+
+    Raises :class:`SceneError` for what the chosen method needs and the scene does not give.
+    """
+    table = _table(scene.friction)
+    par = np.zeros(model.TABLE + len(table))
+    par[model.GRAVITY : model.GRAVITY + 3] = scene.gravity
+    par[model.BODY_A : model.BODY_A + 18] = _body(scene.body_a, plant)
+    par[model.BODY_B : model.BODY_B + 18] = _body(scene.body_b, plant)
+    node_a, node_b = scene.node_a, scene.node_b
+    par[model.NODE_A : model.NODE_A + 3] = _from_com(node_a, scene.body_a)
+    par[model.NODE_A + 3 : model.NODE_A + 7] = node_a.orientation
+    par[model.NODE_B : model.NODE_B + 3] = _from_com(node_b, scene.body_b)
+    if node_b.orientation:
+        par[model.NODE_B + 3] = 1.0
+        par[model.NODE_B + 4 : model.NODE_B + 8] = node_b.orientation
+    ref = scene.reference
+    par[model.REFERENCE : model.REFERENCE + 4] = (
+        ref.offsets == "hold",
+        ref.misalignment == "hold",
+        ref.length,
+        ref.angle,
+    )
+    par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
+    par[model.FRICTION : model.FRICTION + 12] = _friction(scene.friction)
+    elasticity, damping = scene.elasticity, scene.damping
+    par[model.ELASTICITY : model.ELASTICITY + 4] = (
+        elasticity.k1,
+        elasticity.kr1,
+        damping.c1,
+        damping.cr1,
+    )
+    method = choose_method(scene)
+    if method in ("penalty", "augmented_lagrangian") and not plant:
+        par[model.PENALTY : model.PENALTY + 6] = _penalty(scene, method)
+    par[model.AUGMENTED] = scene.penalty.multiplier_gain
+    feedback = scene.baumgarte
+    par[model.BAUMGARTE : model.BAUMGARTE + 3] = (
+        feedback.alpha,
+        feedback.beta,
+        feedback.regularisation_velocity,
+    )
+    par[model.OUTPUT : model.OUTPUT + 6] = (
+        scene.wrench.axes == "world",
+        scene.wrench.point == "com",
+        scene.wrench.hold == "body",
+        scene.plant_integration == "semi_implicit",
+        scene.limits.force,
+        scene.limits.torque,
+    )
+    par[model.STOPS : model.STOPS + 5] = _stops(scene)
+    lock = scene.lock
+    par[model.LOCK : model.LOCK + 3] = (
+        ("none", "slide", "spin").index(lock.component),
+        lock.position,
+        lock.force,
+    )
+    for k, imposed in enumerate((scene.command.slide, scene.command.spin)):
+        at = model.COMMAND + 3 * k
+        par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
+    par[model.REST_RATE] = scene.friction.rest_rate
+    par[model.LATENCY] = 0.0 if plant else scene.latency
+    par[model.TOLERANCE] = step_tolerance(scene.tolerance)
+    par[model.TABLE :] = table
+    return par
+
+
+def _from_com(node: Node, body: Body) -> Array:
+    """The node from its body's mass centre; a body of infinite inertia is taken at its origin."""
+    return np.array(node.position) - np.array(_com(body))
+
+
+def _com(body: Body) -> tuple[float, ...]:
+    return body.com if body.kind in ("free", "unknown") else (0.0, 0.0, 0.0)
+
+
+def _body(body: Body, plant: bool) -> list[float]:
+    known = body.kind == "free" or (plant and body.kind == "unknown")
+    if not known:
+        return [0.0, math.inf, 0.0, *_com(body), *[0.0] * 12]
+    ixx, ixy, ixz, iyy, iyz, izz = body.inertia
+    j = np.linalg.inv([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    inverse = [j[0, 0], j[0, 1], j[0, 2], j[1, 1], j[1, 2], j[2, 2]]
+    return [1.0, body.mass, 1.0 / body.mass, *body.com, *body.inertia, *map(float, inverse)]
+
+
+def _stops(scene: Scene) -> list[float]:
+    """Bounds of length and angle, infinite where there is none, and the restitution."""
+    stops = scene.stops
+    low = [-math.inf if math.isnan(x) else x for x in (stops.l_min, stops.theta_min)]
+    high = [math.inf if math.isnan(x) else x for x in (stops.l_max, stops.theta_max)]
+    return [low[0], high[0], low[1], high[1], stops.restitution]
+
+
+def _friction(friction: Friction) -> list[float]:
+    static = friction.static_coefficient
+    least, greatest = friction.coefficient, friction.coefficient if math.isnan(static) else static
+    rate_slope, force_slope = _slopes(friction)
+    table = friction.table
+    if table is not None:
+        least, greatest = min(table.values), max(table.values)
+    return [
+        float(friction.on),
+        least,
+        greatest,
+        friction.decay,
+        friction.max_force,
+        0.0 if math.isnan(friction.radius) else friction.radius,
+        2.0 / friction.overlap if friction.overlap > 0.0 else 0.0,
+        friction.preload,
+        rate_slope,
+        force_slope,
+        0.0 if table is None else float(len(table.rates)),
+        0.0 if table is None else float(len(table.forces)),
+    ]
+
+
+def _grid(friction: Friction) -> Array:
+    """The table's values, (rates, forces)."""
+    table = friction.table
+    assert table is not None
+    return np.array(table.values).reshape(len(table.rates), len(table.forces))
+
+
+def _slopes(friction: Friction) -> tuple[float, float]:
+    """Greatest slopes of mu over slip rate (s/m) and contact force (1/N)."""
+    table = friction.table
+    if table is None:
+        static = friction.static_coefficient
+        rise = 0.0 if math.isnan(static) else static - friction.coefficient
+        return friction.decay * abs(rise), 0.0
+    grid = _grid(friction)
+    over_rate = np.abs(np.diff(grid, axis=0)) / np.diff(table.rates)[:, None]
+    over_force = np.abs(np.diff(grid, axis=1)) / np.diff(table.forces)[None, :]
+    return float(over_rate.max(initial=0.0)), float(over_force.max(initial=0.0))
+
+
+def _table(friction: Friction) -> list[float]:
+    table = friction.table
+    return [] if table is None else [*table.rates, *table.forces, *table.values]
+
+
+def _penalty(scene: Scene, method: str) -> list[float]:
+    """Gains: stiffness and damping of offsets and swings, of the elastic stick."""
+    gains, friction = scene.penalty, scene.friction
+    for name in ("stiffness", "damping"):
+        if math.isnan(getattr(gains, name)):
+            raise SceneError(
+                f"penalty.{name} = .nan: must be given for the method {method}; a sampled spring "
+                "is stable up to about m/h^2 and its damper to m/h, with the lighter body's mass m"
+            )
+    arm = max(0.5 * friction.overlap, 0.0 if math.isnan(friction.radius) else friction.radius)
+    swing = gains.rotational_stiffness
+    if math.isnan(swing):
+        swing = gains.stiffness * arm * arm
+    if swing == 0.0:
+        raise SceneError(
+            "penalty.rotational_stiffness = .nan: must be given (> 0 N.m/rad) where neither "
+            "friction.overlap nor friction.radius gives an arm to derive it from"
+        )
+    swing_damping = gains.rotational_damping
+    if math.isnan(swing_damping):
+        swing_damping = gains.damping * swing / gains.stiffness
+    stick = gains.stick_stiffness
+    if math.isnan(stick):
+        stick = gains.stiffness
+        allowed = gains.elastic_slip
+        if not math.isnan(allowed) and friction.preload != 0.0:
+            greatest = max(friction.coefficient, np.nan_to_num(friction.static_coefficient))
+            stick = greatest * abs(friction.preload) / allowed or stick
+    stick_damping = gains.damping * stick / gains.stiffness
+    # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the
+    # spring's goes with the square, to keep the ratio of damping.
+    lag = 1.0 + 2.0 * scene.latency if "unknown" in (scene.body_a.kind, scene.body_b.kind) else 1.0
+    return [
+        gains.stiffness / lag**2,
+        swing / lag**2,
+        gains.damping / lag,
+        swing_damping / lag,
+        float(stick) / lag**2,
+        stick_damping / lag,
+    ]

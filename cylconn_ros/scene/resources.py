@@ -1,0 +1,49 @@
+"""Where packages keep their data: the scenes that come along, definitions of messages."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import cylconn_ros
+from cylconn_ros.errors import SceneError
+
+
+def share_directories() -> list[Path]:
+    """``share`` directories of every prefix ROS packages may live in, nearest first, each once.
+
+    Sourced workspaces announce themselves in AMENT_PREFIX_PATH; ROS installed from wheels does not
+    set it, so the prefixes of the interpreter and of its site-packages count as well.
+    """
+    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    prefixes.append(Path(sys.prefix))
+    for entry in map(Path, sys.path):
+        if entry.name in ("site-packages", "dist-packages") and len(entry.parents) > 2:
+            prefixes.append(entry.parents[2])
+    return [share for share in dict.fromkeys(p / "share" for p in prefixes) if share.is_dir()]
+
+
+def shipped_scenes() -> dict[str, Path]:
+    """Scenes that come with the package, by name: of the checkout, else of the installation."""
+    checkout = Path(cylconn_ros.__file__).resolve().parents[1]
+    places = [checkout / "config"] if (checkout / "package.xml").is_file() else []
+    places += [share / "cylconn_ros" / "config" for share in share_directories()]
+    for place in places:
+        found = {path.stem: path for path in sorted(place.glob("*.yaml"))}
+        if found:
+            return found
+    return {}
+
+
+def shipped(name: str) -> Path:
+    """File of a scene that comes with the package (docs/scenes.md), wherever that is installed.
+
+    Raises SceneError naming the scenes there are.
+    """
+    scenes = shipped_scenes()
+    if name not in scenes:
+        raise SceneError(
+            f"{name}: no scene of this package; there are {', '.join(scenes) or 'none'}"
+        )
+    return scenes[name]

@@ -1,0 +1,203 @@
+"""The whole motion of a scene in its own coordinates: a simulation without a wrench, to tolerance.
+
+No period, no held wrench: what the equations say, with every event located. It is the reference
+for runs of plant and connector, and an independent way to compute a scene.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.core import layout
+from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.minimal import coordinates as place
+from cylconn_ros.methods.minimal import dense_output as report
+from cylconn_ros.methods.minimal.derivatives import INTEGRALS
+from cylconn_ros.methods.minimal.events import LOG
+from cylconn_ros.methods.minimal.initial import OFFLINE, tolerance_of
+from cylconn_ros.scene.packing import pack
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.scene.schema import show
+
+Array = NDArray[np.float64]
+
+KINDS = ("", "rests", "reverses", "breaks away", "jams", "impact", "releases", "locks")
+MOST_EVENTS = 2000  # kept of a solution
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened: ``kind`` is one of KINDS; ``restitution`` of an impact as it acted."""
+
+    time: float
+    kind: str
+    length: float
+    angle: float
+    restitution: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A motion at times ``time`` (N,), s.
+
+    Attributes
+    ----------
+        time: (N,) s. rows: (N, WIDTH) as methods/minimal/dense_output.py lays them out.
+        events: what happened, in order, the first 2000 of it; happened: how often something did.
+        coarse: from when on it does not keep to the tolerance, s; inf: it does everywhere.
+        evaluations: how often the equations of motion were evaluated.
+    """
+
+    time: Array
+    rows: Array
+    events: tuple[Event, ...]
+    happened: int
+    coarse: float
+    evaluations: int
+
+    @property
+    def states(self) -> Array:
+        """(N, 26) poses and twists of both bodies, as in a sample (core/layout.py)."""
+        return self.rows[:, : report.COORDINATES]
+
+    @property
+    def length(self) -> Array:
+        """(N,) position in the slot, m."""
+        return self.rows[:, report.COORDINATES]
+
+    @property
+    def angle(self) -> Array:
+        """(N,) rad."""
+        return self.rows[:, report.COORDINATES + 1]
+
+    @property
+    def velocity(self) -> Array:
+        """(N,) of the slide, m/s."""
+        return self.rows[:, report.COORDINATES + 2]
+
+    @property
+    def angular_velocity(self) -> Array:
+        """(N,) of the spin, rad/s."""
+        return self.rows[:, report.COORDINATES + 3]
+
+    @property
+    def forces(self) -> Array:
+        """(N, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a (moments: those of N)."""
+        return self.rows[:, report.FORCES : report.FRICTION]
+
+    @property
+    def friction(self) -> Array:
+        """(N, 2) f1f, m1f."""
+        return self.rows[:, report.FRICTION : report.REACTION]
+
+    @property
+    def reaction(self) -> Array:
+        """(N, 2) of stops and locks in f1, m1."""
+        return self.rows[:, report.REACTION : report.NORMAL]
+
+    @property
+    def normal_force(self) -> Array:
+        """(N,) FN."""
+        return self.rows[:, report.NORMAL]
+
+    @property
+    def traction(self) -> Array:
+        """(N,) P."""
+        return self.rows[:, report.TRACTION]
+
+    @property
+    def limit(self) -> Array:
+        """(N,) what P may be."""
+        return self.rows[:, report.LIMIT]
+
+    @property
+    def regime(self) -> Array:
+        """(N,) FRICTIONLESS, STICK or SLIP."""
+        return self.rows[:, report.REGIME]
+
+    @property
+    def integrals(self) -> Array:
+        """(N, 6) of |s|, FN, f1f, m1f, f1, m1 over time, with the impulses of events."""
+        return self.rows[:, report.INTEGRALS :]
+
+    @property
+    def stop_time(self) -> float:
+        """When it came to rest to stay, s; inf: it did not."""
+        for event in reversed(self.events):
+            if event.kind in ("rests", "jams"):
+                return event.time
+            if event.kind in ("breaks away", "reverses"):
+                break
+        return math.inf
+
+
+def solve(
+    scene: Scene,
+    duration: float | None = None,
+    rtol: float | None = None,
+    times: Sequence[float] | NDArray[np.floating[Any]] | None = None,
+    most_steps: int = 100_000,
+) -> Solution:
+    """Solve ``scene`` from the plant's initial state.
+
+    Args:
+        duration: s; the scene's own by default.
+        rtol: tolerance of a step, relative and, a tenth of it, absolute in SI units; by default
+            the scene's, or 1e-12 if it states none.
+        times: ascending, from 0 to ``duration``, at which to report; by default start and end.
+        most_steps: between two times. From half of them on, steps are only as fine as it takes to
+            come to an end, and ``coarse`` says from when on.
+
+    The initial state is projected onto the constraint and imposed motions. Raises
+    :class:`SceneError` where inertia is unknown, ValueError for unusable times, RuntimeError where
+    an imposed motion cannot go on (it jams), or the end is not reached after all.
+    """
+    _check(scene)
+    duration = scene.plant.duration if duration is None else duration
+    wanted = np.array([0.0, duration] if times is None else times, dtype=np.float64)
+    ascending = wanted[0] >= 0.0 and bool((wanted[1:] >= wanted[:-1]).all())
+    if not (ascending and wanted[-1] < math.inf):
+        raise ValueError(f"times = {show(wanted.tolist())}: must be finite, ascending and >= 0")
+    par, joint, y = initial(scene)
+    rtol = tolerance_of(par, OFFLINE) if rtol is None else rtol
+
+    log = np.zeros((MOST_EVENTS, LOG))
+    rows = np.zeros((len(wanted), report.WIDTH))
+    ran = report.trajectory(
+        par, joint, y, wanted, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps
+    )
+    if ran.blocked:
+        raise RuntimeError(f"an imposed motion jams at t = {ran.t:.9g} s: no force moves it on")
+    if not ran.complete:
+        raise RuntimeError(f"stopped at t = {ran.t:.9g} s after {most_steps} steps")
+    events = tuple(
+        Event(time, KINDS[int(kind)], length, angle, restitution)
+        for time, kind, length, angle, restitution in log[: ran.events].tolist()
+    )
+    return Solution(wanted, rows, events, ran.events, ran.coarse, ran.evaluations)
+
+
+def initial(scene: Scene) -> tuple[Array, Array, Array]:
+    """The scene's parameters, what its coordinates are counted from, and where they start."""
+    par, sample = pack(scene), np.zeros(layout.NSAMPLE)
+    sample[layout.MOTION] = [
+        *scene.initial_pose(0), *scene.initial_twist(0),
+        *scene.initial_pose(1), *scene.initial_twist(1),
+    ]  # fmt: skip
+    sample[layout.LOADS] = [*scene.plant.body_a.load, *scene.plant.body_b.load]
+    free = scene.body_a.kind == scene.body_b.kind == "free"
+    joint, y = np.zeros(place.NJOINT), np.zeros((17 if free else 4) + INTEGRALS)
+    report.begin(par, sample, joint, y)
+    return par, joint, y
+
+
+def _check(scene: Scene) -> None:
+    for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
+        if body.kind == "unknown":
+            raise SceneError(f"{name}.kind = 'unknown': its inertia must be known to move it")

@@ -1,0 +1,365 @@
+"""The command line: what users type, what they see, how it fails."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import math
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cylconn_ros.msg import ConnectorState
+from PIL import Image
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header
+
+import cylconn_ros
+from cylconn_ros.cli import checks, info, main, progress, scenes, simulate, summary
+from cylconn_ros.core.layout import STATE_FIELDS
+from cylconn_ros.errors import CommandError
+from cylconn_ros.process import child
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.report.picture import ReferenceCurves, draw_run, save_run
+
+STATE = TopicInfo("/connector/state", "cylconn_ros/msg/ConnectorState")
+SAMPLES = 1000
+STOP = 0.6004  # s
+
+
+def states() -> dict[str, np.ndarray]:
+    """Return made-up states at 1 kHz: slip until STOP, then stick."""
+    time = np.arange(SAMPLES) * 1e-3
+    moving = time < STOP
+    left = np.maximum(STOP - time, 0.0)
+    found: dict[str, np.ndarray] = {
+        name: np.zeros(SAMPLES) if width == 1 else np.zeros((SAMPLES, width))
+        for name, width in STATE_FIELDS
+    }
+    found["displacement"] = STOP**2 - left**2
+    found["rotation"] = 2.0 * math.pi * 3.0 * (STOP - left) / STOP
+    found["slip_velocity"] = np.stack([2.0 * left, left], axis=1)
+    found["normal_force"] = 30.0 + np.sin(60.0 * time)
+    found["friction_limit"] = 0.2 * found["normal_force"]
+    found["traction"] = np.where(moving, found["friction_limit"], 3.0)
+    found["stop_time"] = np.full(SAMPLES, -1.0)
+    found["stop_time"][600] = 0.0004
+    found["offset_violation"] = np.full(SAMPLES, 1e-9)
+    found["offset_violation"][7] = -3e-7
+    found["angular_violation"] = np.full(SAMPLES, 2e-8)
+    found["regime"] = np.where(time < 0.6, 2, 1)
+    found["status"] = np.zeros(SAMPLES, dtype=int)
+    found["flags"] = np.where(time < 0.6, 0, 128)
+    found["flags"][:5] = 1
+    found["time"] = time
+    return found
+
+
+def record(directory: Path, count: int = SAMPLES) -> Path:
+    """Record the made-up states."""
+    table = states()
+    with RunWriter(directory, [STATE], {"version": "9.8.7", "model": "everything"}) as writer:
+        for k in range(count):
+            message = ConnectorState(header=Header(frame_id="shaft"), method="impulse")
+            message.header.stamp.nanosec = k * 1_000_000
+            for name, width in STATE_FIELDS:
+                value = table[name][k]
+                setattr(message, name, float(value) if width == 1 else value)
+            message.regime = int(table["regime"][k])
+            message.flags = int(table["flags"][k])
+            writer.write(STATE.name, serialize_message(message), 10**18 + k, 10**18 + k)
+    return directory
+
+
+def call(*arguments: str) -> int:
+    return main.main([str(a) for a in arguments])
+
+
+@pytest.mark.parametrize("command", list(main.COMMANDS))
+def test_help_says_how_to_use_a_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        call(command, "--help")
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: cylconn {command}")
+    assert len(text.splitlines()) > 6
+
+
+def test_version_and_no_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        call("--version")
+    assert ended.value.code == 0
+    with pytest.raises(SystemExit) as ended:
+        call()
+    assert ended.value.code == 2
+    assert "COMMAND" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["simulate", "nowhere"], "nowhere is neither a file nor a scene that comes along"),
+        (["info", "nowhere"], "nowhere: No such file or directory"),
+        (["info", __file__], "test_cli.py: is not a recording (an MCAP file, or a directory"),
+        (["info", "/dev/null"], "/dev/null: is not a recording"),
+        (["simulate", "demo", "--output", "run.txt.gz"], "run.txt.gz"),
+        (["demo", "--output", "/proc/nope/here"], "/proc/nope/here"),
+    ],
+)
+def test_errors_are_one_sentence(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(*arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_picture_that_cannot_be_drawn_is_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(simulate, "simulate", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert call("simulate", "coast", "--plot", "a.png") == 2
+    assert "--plot needs matplotlib: pip install '.[demo]' brings it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "inf", "nan", "soon"])
+def test_durations_are_positive_numbers(value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        call("simulate", "demo", f"--duration={value}")
+    assert ended.value.code == 2
+    assert value in capsys.readouterr().err
+
+
+def test_scenes_come_with_the_package() -> None:
+    names = {"demo", "coast", "slide_and_spin", "incline", "free_flight", "twenty_turns"}
+    assert names <= set(scenes.bundled())
+    for name in names:
+        options = main.parser().parse_args(["simulate", name, "--period", "0.01"])
+        scene = scenes.load_with_overrides(scenes.find(name), options)
+        assert scene.period == 0.01
+        assert scenes.steps(scene) == round(scene.plant.duration / 0.01)
+
+
+def test_scenes_are_found_in_an_installation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "share" / "cylconn_ros" / "config"
+    config.mkdir(parents=True)
+    (config / "only.yaml").touch()
+    elsewhere = tmp_path / "lib" / "cylconn_ros" / "__init__.py"
+    monkeypatch.setattr(cylconn_ros, "__file__", str(elsewhere))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    assert scenes.bundled() == {"only": config / "only.yaml"}
+
+
+def test_a_scene_without_an_end_needs_a_duration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endless = tmp_path / "endless.yaml"
+    text = scenes.find("coast").read_text()
+    endless.write_text(text.replace("      duration: 1.0                       # s\n", ""))
+    assert call("simulate", str(endless)) == 2
+    assert "say how long with --duration" in capsys.readouterr().err
+
+
+def test_states_are_reduced_to_what_counts() -> None:
+    table = states()
+    found = summary.reduce_states(table["time"], table)
+    assert found.samples == SAMPLES
+    assert found.duration == pytest.approx(0.999)
+    assert found.distance == pytest.approx(STOP**2)
+    assert found.turns == pytest.approx(3.0)
+    assert found.stop_time == pytest.approx(STOP)
+    assert found.worst_offset == 3e-7
+    assert found.worst_misalignment == 2e-8
+    assert found.regimes == {"stick": pytest.approx(0.4), "slip": pytest.approx(0.6)}
+    assert found.flags == {"undersampled": 5}
+    assert found.refused == 0
+
+
+def test_what_never_stops_and_what_is_not_finite_is_not_judged_well() -> None:
+    table = states()
+    table["regime"][-1] = 2
+    table["offset_violation"][3] = np.nan
+    table["status"][3] = 1
+    found = summary.reduce_states(table["time"], table)
+    assert math.isnan(found.stop_time)
+    assert math.isnan(found.worst_offset)
+    assert found.refused == 1
+    assert checks.below("offset", found.worst_offset, 1.0, "m").ok is False
+    assert checks.against("stop", found.stop_time, 1.0, 1.0, "s").ok is False
+
+
+def test_a_summary_is_well_only_if_every_line_is(capsys: pytest.CaptureFixture[str]) -> None:
+    good = [checks.below("size", 0.5, 1.0, "m"), checks.Check("method", "impulse")]
+    assert checks.show(good)
+    assert not checks.show([*good, checks.equal("lost", 1, 0)])
+    out = capsys.readouterr().out
+    assert "✓ size    0.5 m" in out
+    assert "✗ lost    1" in out
+    assert "exactly 0" in out
+
+
+def test_simulate_keeps_arrays_and_recordings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arrays, recording, picture = (tmp_path / name for name in ("run.npz", "run", "run.png"))
+    assert call("simulate", "coast", "-o", str(arrays)) == 0
+    assert call("simulate", "coast", "-o", str(recording), "--plot", str(picture)) == 0
+    out = capsys.readouterr().out
+    assert "at rest     from 0.4061" in out
+    assert "slide 0.20308" in out
+    assert picture.stat().st_size > 10_000
+    run = read_run(recording)
+    assert set(run.counts.values()) == {SAMPLES}
+    with np.load(arrays) as kept:
+        for name, _ in STATE_FIELDS:
+            np.testing.assert_array_equal(run.state[name], kept[name], err_msg=name)
+        pose = run.table("/body_b/pose")
+        np.testing.assert_array_equal(pose["pose.position.x"], kept["motion"][:, 13])
+        np.testing.assert_array_equal(pose.stamp, np.round(kept["time"] * 1e9))
+        assert str(kept["parameters"]) == run.metadata["parameters"]
+    for path in (arrays, recording):
+        assert call("simulate", "coast", "-o", str(path)) == 2
+        assert "never overwritten" in capsys.readouterr().err
+
+
+def test_info_shows_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("info", str(record(tmp_path / "run"))) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "recorded by cylconn_ros 9.8.7",
+        "/connector/state      1000  cylconn_ros/msg/ConnectorState",
+        "method      impulse\nmodel       everything",
+        "stick 40.0%, slip 60.0%",
+        "slide 0.360480 m, spin 3.000000 turns",
+        "from 0.600400 s on",
+        "at most 3.00e-04 mm",
+        "undersampled 5",
+    ):
+        assert words in out
+
+
+def test_info_reports_a_run_that_is_not_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = record(tmp_path / "run", count=20) / "metadata.yaml"
+    path.write_text(path.read_text().replace("message_count: 20\n", "message_count: 21\n"))
+    assert call("info", str(path.parent)) == 1
+    assert "NOT WHOLE" in capsys.readouterr().out
+
+
+def test_info_on_an_empty_and_on_a_damaged_topic(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("info", str(record(tmp_path / "empty", count=0))) == 0
+    assert "no state was recorded" in capsys.readouterr().out
+    with RunWriter(tmp_path / "damaged", [STATE], {}) as writer:
+        writer.write(STATE.name, b"\x00\x01\x00\x00garbage", 1, 1)
+    assert call("info", str(tmp_path / "damaged")) == 1
+    assert "UNDECODABLE: 1 messages of /connector/state" in capsys.readouterr().out
+
+
+def test_the_picture_of_a_run(tmp_path: Path) -> None:
+    table = states()
+    time = table["time"]
+    reference = ReferenceCurves(
+        time, table["displacement"], table["rotation"], table["normal_force"]
+    )
+    figure = draw_run(time, table, "A title", "a subtitle", reference, STOP)
+    texts = [text.get_text() for axes in figure.axes for text in (axes.title, *axes.texts)]
+    texts.append(figure.axes[0].get_title(loc="left"))
+    assert {"A title", "a subtitle", "slip", "stick: at rest from 0.600 s"} <= set(texts)
+    assert len(figure.axes) == 6
+    for name in ("run.png", "run.svg"):
+        save_run(figure, tmp_path / name)
+        assert 10_000 < (tmp_path / name).stat().st_size < 400_000
+    with Image.open(tmp_path / "run.png") as image:
+        assert image.width == 1800
+
+
+def test_progress_without_a_terminal_is_a_line_every_tenth() -> None:
+    stream = io.StringIO()
+    with progress.Progress("demo", stream) as bar:
+        bar.note("starting")
+        for done in range(0, 1001, 10):
+            bar(done, 1000)
+    lines = stream.getvalue().splitlines()
+    assert lines == ["demo: starting", *(f"demo: {k}0%" for k in range(1, 11))]
+
+
+def test_progress_on_a_terminal_is_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: True)
+    with progress.Progress("demo", stream) as bar:
+        bar(500, 1000)
+        bar(1000, 1000)
+    assert "50%" in stream.getvalue()
+    assert "[" + "#" * 36 + "] 100%" in stream.getvalue()
+    assert stream.getvalue().endswith("\n")
+
+
+def python(code: str) -> list[str]:
+    return [sys.executable, "-u", "-c", code]
+
+
+def test_a_child_is_read_and_ended_politely() -> None:
+    taken = []
+
+    def take(line: str) -> bool:
+        taken.append(line)
+        return line.startswith("progress")
+
+    code = "import time; print('progress 1 2'); print('words'); time.sleep(60)"
+    with child.Child("sleeper", python(code), child.private_environment(), take) as running:
+        start = time.monotonic()
+        while len(taken) < 2 and time.monotonic() - start < 20.0:
+            time.sleep(0.01)
+        assert running.exit_code is None
+        assert list(running.lines) == ["words"]
+    assert running.exit_code is not None
+    assert time.monotonic() - start < 20.0
+
+
+def test_a_deaf_child_is_killed_and_quoted() -> None:
+    code = (
+        "import signal, time\n"
+        "for s in (signal.SIGINT, signal.SIGTERM): signal.signal(s, signal.SIG_IGN)\n"
+        "print('deaf'); time.sleep(60)"
+    )
+    running = child.Child("deaf one", python(code), child.private_environment())
+    while not running.lines:
+        time.sleep(0.01)
+    assert running.finish(patience=0.2) == -9
+    assert running.last_words() == "deaf one said last:\n    deaf"
+
+
+def test_programs_are_found_beside_the_running_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "plant"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "cylconn"), "demo"])
+    assert child.executable("plant") == program
+    with pytest.raises(CommandError, match="no_such_program is not installed"):
+        child.executable("no_such_program")
+
+
+def test_private_environments_do_not_meet_others() -> None:
+    environment = child.private_environment()
+    profile = Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
+    assert "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>" in profile
+    assert 0 < int(environment["ROS_DOMAIN_ID"]) < 100
+
+
+def test_results_are_described_in_words() -> None:
+    table = states()
+    lines = info.describe(summary.reduce_states(table["time"], table))
+    assert any(line.startswith("at rest") for line in lines)

@@ -1,0 +1,266 @@
+"""Friction on the disc: the law, the selection rule, and no root skipped."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cylconn_ros.core import friction, friction_disc, slip_curve
+from cylconn_ros.core.friction import Law
+from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
+
+PAR = np.zeros(8)
+
+
+def law(mu: float = 0.5, **change: float) -> Law:
+    values = {
+        "on": True,
+        "kinetic": mu,
+        "static": mu,
+        "decay": 0.0,
+        "cap": math.inf,
+        "radius": 0.02,
+        "bending": 20.0,
+        "preload": 0.0,
+        "rate_slope": 0.0,
+        "force_slope": 0.0,
+        "rates": 0,
+        "forces": 0,
+        "table": 0,
+    }
+    return Law(**{**values, **change})  # type: ignore[arg-type]
+
+
+def test_normal_force_is_the_formula() -> None:
+    """Distinct numbers, so that no two can be exchanged."""
+    for preload in (7.0, -40.0):
+        c = friction.contact(law(preload=preload), (3.0, 4.0, 0.5, 1.2))
+        assert c == pytest.approx((5.0, 1.3, 26.0, abs(31.0 + preload)))
+    assert friction.contact(law(bending=0.0), (3.0, 4.0, 0.5, 1.2)).normal == pytest.approx(5.0)
+
+
+def test_coefficient_decays_from_static_to_kinetic() -> None:
+    decaying = law(0.2, static=0.5, decay=3.0)
+    for rate in (0.0, 0.1, 2.0):
+        expected = 0.2 + 0.3 * math.exp(-3.0 * rate)
+        assert friction.coefficient(decaying, PAR, rate, 1.0) == pytest.approx(expected)
+    assert friction.limit(decaying, PAR, 0.0, 10.0) == pytest.approx(5.0)
+    assert friction.limit(law(0.2, static=0.5, decay=3.0, cap=4.0), PAR, 0.0, 10.0) == 4.0
+
+
+def test_table_is_bilinear_and_constant_beyond_its_ends() -> None:
+    rates, forces = [0.0, 1.0, 3.0], [10.0, 20.0]
+    values = [0.1, 0.2, 0.3, 0.5, 0.6, 0.9]
+    par = np.array([*rates, *forces, *values])
+    table = law(rates=3, forces=2, table=0)
+    for rate, force, expected in (
+        (0.0, 10.0, 0.1),
+        (3.0, 20.0, 0.9),
+        (1.0, 15.0, 0.4),
+        (0.5, 10.0, 0.2),
+        (2.0, 20.0, 0.7),
+        (2.0, 15.0, 0.575),
+        (9.0, 5.0, 0.6),
+        (-1.0, 99.0, 0.2),
+    ):
+        assert friction.coefficient(table, par, rate, force) == pytest.approx(expected)
+    one = law(rates=1, forces=1, table=0)
+    assert friction.coefficient(one, np.array([0.0, 1.0, 0.33]), 5.0, 5.0) == pytest.approx(0.33)
+
+
+def three_answers() -> slip_curve.Disc:
+    """m=1, v=1, h=1 ms, mu=0.5, L=0.1, d=0.2, N0=1 N, 1 N.m of bending against friction's arm.
+
+    f2 = 1 N; the bending moment is 1 - 0.2 |f1| (friction acts through the arm d): with 2/L = 20,
+    FN = 1 + 20 |1 - 0.2 P|.
+    """
+    return slip_curve.disc_problem(
+        (1.0, 0.0),
+        (1.0, 0.0),
+        1e-3,
+        0.0,
+        1.0,
+        (1.0, 0.0, 1.0, 0.0),
+        (0.0, 0.0, 0.2, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+    )
+
+
+def test_three_answers() -> None:
+    """Case 11: a sliding sleeve takes 3.5 N, not 9.5; a stuck one stays stuck."""
+    sliding = friction_disc.solve_disc(law(0.5), PAR, three_answers(), False)
+    assert sliding.regime == SLIP
+    assert sliding.phi == pytest.approx((-3.5, 0.0), abs=1e-12)
+    assert sliding.flags & SEVERAL_ROOTS
+    stuck = friction_disc.solve_disc(law(0.5), PAR, three_answers(), True)
+    assert stuck.regime == STICK
+    assert stuck.phi == pytest.approx((-1000.0, 0.0))
+
+
+def test_other_answers() -> None:
+    """Where bounds want another answer: next to stick, or of least traction after stick too."""
+    resting = friction_disc.solve_otherwise(law(0.5), PAR, three_answers(), False)
+    assert resting.regime == STICK
+    assert resting.phi == pytest.approx((-1000.0, 0.0))
+    sliding = friction_disc.solve_otherwise(law(0.5), PAR, three_answers(), True)
+    assert (sliding.regime, sliding.flags) == (SLIP, SEVERAL_ROOTS)
+    assert sliding.phi == pytest.approx((-3.5, 0.0), abs=1e-12)
+    unstuck = friction_disc.solve_otherwise(law(0.001), PAR, three_answers(), False)
+    assert (unstuck.regime, unstuck.flags) == (SLIP, 0)
+
+
+def test_spin_frees_the_slide() -> None:
+    """One disc, not a box: slide and spin share the limit by the slip direction."""
+    problem = slip_curve.disc_problem(
+        (3.0, 4.0), (3.0, 4.0), 1e-6, 0.0, 1e-6, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
+    )
+    found = friction_disc.solve_disc(law(0.5), PAR, problem, False)
+    assert found.phi == pytest.approx((-3.0, -4.0), rel=1e-6)
+    assert math.hypot(*found.phi) == pytest.approx(5.0, rel=1e-14)
+
+
+def test_nothing_pressing_is_no_friction() -> None:
+    free = slip_curve.disc_problem(
+        (1.0, 2.0), (1.0, 2.0), 1.0, 0.0, 1.0, *[(0.0, 0.0, 0.0, 0.0)] * 3
+    )
+    found = friction_disc.solve_disc(law(), PAR, free, False)
+    assert (found.phi, found.s_end) == ((0.0, 0.0), (1.0, 2.0))
+
+
+def test_self_locking_stops_within_the_step() -> None:
+    """FN grows faster than friction: no finite sliding force, stick under any push."""
+    for push in (1.0, 1e3, 1e6):
+        problem = slip_curve.disc_problem(
+            (1.0, 0.0), (push, 0.0), 1e-3, 0, 1.0, (1.0, 0, 0, 0), (0.0, 0, 0.2, 0), (0.0, 0, 0, 0)
+        )
+        found = friction_disc.solve_disc(law(0.5), PAR, problem, False)  # c = 0.5 * 20 * 0.2 = 2
+        assert found.regime == STICK
+        assert found.flags & JAMMED
+        assert found.phi[0] == pytest.approx(-1e3 * push)
+
+
+def problems(seed: int, n: int) -> Iterator[tuple[Law, friction_disc.Disc, np.ndarray, bool]]:
+    """Random problems over wide scales, jams and vanishing normal forces among them."""
+    rng = np.random.default_rng(seed)
+    for _ in range(n):
+        s = rng.normal(size=(2, 2))
+        s = (s @ s.T + 10 ** rng.uniform(-4, 0) * np.eye(2)) * 10 ** rng.uniform(-3, 3)
+        s_minus = rng.normal(size=2) * 10 ** rng.uniform(-2, 1)
+        scale = float(np.linalg.norm(s_minus) / np.trace(s))
+        push = rng.normal(size=2) * np.linalg.norm(s_minus) * 10 ** rng.uniform(-2, 1)
+        base = rng.normal(size=4) * scale * 10 ** rng.uniform(-2, 1)
+        c1, c2 = rng.normal(size=(2, 4)) * 10 ** rng.uniform(-1.5, 1.5)
+        mu = 10 ** rng.uniform(-1.5, 1)
+        rise = float(rng.choice([0.0, 0.0, 1.0])) * mu * rng.random()
+        decay = 10 ** rng.uniform(-1, 1) / float(np.linalg.norm(s_minus))
+        yield (
+            law(
+                mu,
+                static=mu + rise,
+                decay=decay,
+                rate_slope=decay * rise,
+                cap=math.inf if rng.random() < 0.8 else scale * 10 ** rng.uniform(-1, 1),
+                bending=float(rng.choice([0.0, 1.0, 20.0])),
+                preload=float(rng.choice([0, 1, -1])) * scale * 10 ** rng.uniform(-2, 1),
+            ),
+            slip_curve.disc_problem(
+                tuple(s_minus), tuple(s_minus + push), s[0, 0], s[0, 1], s[1, 1],
+                tuple(base), tuple(c1), tuple(c2),
+            ),
+            s,
+            bool(rng.random() < 0.3),
+        )  # fmt: skip
+
+
+def normal_force(law_: Law, d: friction_disc.Disc, phi: np.ndarray) -> np.ndarray:
+    """FN of phi (2, n), written again."""
+    f = [d.base[i] + d.c1[i] * phi[0] + d.c2[i] * phi[1] for i in range(4)]
+    pressed = np.hypot(f[0], f[1]) + law_.bending * np.hypot(f[2], f[3]) + law_.preload
+    return np.asarray(np.abs(pressed))
+
+
+def test_the_law_holds_and_the_named_root_is_taken() -> None:
+    """Laws D, S and K to 1e-11, and against a scan of all roots along the curve."""
+    several = sticks = 0
+    for law_, d, s, was_stick in problems(3, 1500):
+        found = friction_disc.solve_disc(law_, PAR, d, was_stick)
+        phi = np.array(found.phi)
+        traction = float(np.linalg.norm(phi))
+        normal = float(normal_force(law_, d, phi[:, None])[0])
+        s_end = np.array(d.s_free) + s @ phi
+        sizes = np.linalg.norm(d.s_free) + np.linalg.norm(s) * traction
+        if found.regime == STICK:
+            sticks += 1
+            assert traction <= min(law_.cap, law_.static * normal) * (1.0 + 1e-12)
+            assert np.linalg.norm(s_end) <= 1e-11 * sizes
+        else:
+            theta = 0.5 if np.dot(d.s_minus, s_end) > 0.25 * np.dot(d.s_minus, d.s_minus) else 1.0
+            s_mean = np.array(found.s_mean)
+            rate = float(np.linalg.norm(s_mean))
+            mu = law_.kinetic + (law_.static - law_.kinetic) * math.exp(-law_.decay * rate)
+            limit = min(law_.cap, mu * normal)
+            assert traction == pytest.approx(limit, rel=1e-10)
+            assert np.linalg.norm(rate * phi + limit * s_mean) <= 1e-10 * rate * (traction + limit)
+            mean = (1.0 - theta) * np.array(d.s_minus) + theta * s_end
+            if not np.allclose(mean, s_mean, atol=1e-10 * sizes):
+                assert np.allclose(s_end, s_mean, atol=1e-10 * sizes)  # theta = 1 is always allowed
+        several += bool(found.flags & SEVERAL_ROOTS)
+        least = least_scanned(law_, d, s, was_stick)
+        if least is not None and found.regime == SLIP:
+            assert traction <= least * 1.02
+    assert several > 30
+    assert sticks > 300
+
+
+def least_scanned(law_: Law, d: friction_disc.Disc, s: np.ndarray, was_stick: bool) -> float | None:
+    """The least traction at which limit - |phi| changes sign, on a fine grid."""
+    values, vectors = np.linalg.eigh(s)
+    for theta in (1.0,) if was_stick else (0.5, 1.0):
+        mean = (1.0 - theta) * np.array(d.s_minus) + theta * np.array(d.s_free)
+        a = vectors.T @ mean
+        r = np.geomspace(1e9, 1e-9, 4000) * np.trace(s)
+        phi = vectors @ (-a[:, None] / (theta * values[:, None] + r))
+        size = np.hypot(*phi)
+        rate = r * size
+        mu = law_.kinetic + (law_.static - law_.kinetic) * np.exp(-law_.decay * rate)
+        spare = np.minimum(law_.cap, mu * normal_force(law_, d, phi)) - size
+        roots = np.flatnonzero((spare[:-1] >= 0.0) & (spare[1:] < 0.0))
+        if len(roots):
+            first = phi[:, roots[0] + 1]
+            s_end = np.array(d.s_free) + s @ first
+            if theta == 1.0 or np.dot(d.s_minus, s_end) > 0.25 * np.dot(d.s_minus, d.s_minus):
+                return float(np.linalg.norm(first))
+    return None
+
+
+def test_inertias_beyond_rounding_end_too() -> None:
+    """70 t with an inertia of 1e-9 kg m^2 leave S indefinite by rounding: still an answer."""
+    law_ = law(0.067, static=0.096, decay=0.476, rate_slope=0.0138, bending=4.17, preload=0.008)
+    problem = slip_curve.disc_problem(
+        (-96.12008971843107, -0.9044862930735948),
+        (-84.99906539980135, -10.257228859332232),
+        7.13899e-07,
+        1.413e-08,
+        -1.18e-08 + 7.2e-09,
+        (61231997.62666528, -29149332.244162012, 596114420.7421695, 1218982063.3723009),
+        (-0.24812155306608202, 0.0548531313154722, -0.7607977481499268, -3.4413772616630562),
+        (-0.25702526695598205, -0.1335080279730458, 2.664271404526498, -5.129167754414068),
+    )
+    for was_stick in (False, True):
+        found = friction_disc.solve_disc(law_, PAR, problem, was_stick)
+        assert np.all(np.isfinite([*found.phi, *found.s_end]))
+
+
+def test_a_held_component_at_rest_does_not_hide_the_other() -> None:
+    """Both held, spin at rest: slide's friction is the limit, in either search."""
+    held = slip_curve.disc_problem(
+        (1.0, 0.0), (6e-15, 0.0), 0.0, 0.0, 0.0, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
+    )
+    for found in (
+        friction_disc.solve_disc(law(0.5), PAR, held, False),
+        friction_disc.solve_otherwise(law(0.5), PAR, held, False),
+        friction_disc.solve_otherwise(law(0.5), PAR, held, True),
+    ):
+        assert found.regime == SLIP
+        assert found.phi == pytest.approx((-5.0, 0.0))

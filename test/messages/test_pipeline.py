@@ -1,0 +1,203 @@
+"""Bytes in, bytes out, without processes: answers, repetition, zero wrenches, changes of scene."""
+
+import numpy as np
+import pytest
+from pipelines import MS, Loop, make
+
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.core import layout
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.messages import cdr_decoder
+from cylconn_ros.messages.cdr_encoder import StampedWriter
+from cylconn_ros.messages.pipeline import Answering
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.ros.connector.recorder import Recorder
+from cylconn_ros.ros.plant.exchange import Exchange, PlantCounts
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.plant import Plant
+
+
+@pytest.mark.parametrize("form", ["pose_twist", "odometry"])
+def test_answers_are_the_connector_s(form):
+    scene = make(input=form, friction__coefficient=0.2)
+    loop, connector = Loop(scene), Connector(scene)
+    sample = np.zeros(layout.NSAMPLE)
+    for k in range(5):
+        sample[layout.MOTION] = loop.plant.state
+        out = connector.step(sample)
+        answer = loop.step()
+        assert answer.stamp == k * MS
+        for data, at in ((answer.wrench_a, layout.FORCE_A), (answer.wrench_b, layout.FORCE_B)):
+            read = cdr_decoder.read_wrench(data)
+            assert read.stamp == k * MS
+            np.testing.assert_allclose(read.values, out[at : at + 6], rtol=1e-9, atol=1e-9)
+        joints = cdr_decoder.read_joint_state(answer.joint_state)
+        assert joints.positions == pytest.approx((out[layout.LENGTH], out[layout.ANGLE]))
+        assert joints.velocities == pytest.approx(
+            (out[layout.VELOCITY], out[layout.ANGULAR_VELOCITY])
+        )
+        assert joints.efforts == pytest.approx((out[layout.FORCE], out[layout.MOMENT]))
+    assert out[layout.FORCE] != 0.0
+    assert loop.answering.health.regime == layout.SLIP
+    assert 0.0 < loop.answering.health.worst_time < 1.0
+
+
+@pytest.mark.parametrize(
+    ("axes", "frames"), [("body", ("body_a", "body_b")), ("world", ("world", "world"))]
+)
+def test_the_frame_of_a_wrench_names_its_axes(axes, frames):
+    answer = Loop(make(wrench__axes=axes)).sample()
+    assert answer is not None
+    assert (
+        cdr_decoder.read_wrench(answer.wrench_a).frame,
+        cdr_decoder.read_wrench(answer.wrench_b).frame,
+    ) == frames
+
+
+def test_a_repeated_sample_gets_the_same_bytes():
+    loop = Loop(make())
+    loop.step()
+    first = loop.sample()
+    memory = loop.answering.connector.memory
+    assert loop.sample() == first
+    assert np.array_equal(loop.answering.connector.memory, memory, equal_nan=True)
+
+
+def test_the_zero_wrench_is_newer_than_the_last_and_answers_no_sample():
+    loop = Loop(make())
+    assert loop.answering.zero() is None
+    loop.step()
+    answer = loop.sample()
+    zero = loop.answering.zero()
+    assert answer is not None
+    assert zero is not None
+    assert zero.stamp == answer.stamp + 1
+    for data in (zero.wrench_a, zero.wrench_b):
+        assert cdr_decoder.read_wrench(data)[0:3:2] == (zero.stamp, (0.0,) * 6)
+    assert zero.state is None
+    loop.exchange.take(1, zero.wrench_b, loop.plant.time_ns)  # lock step does not take it
+    assert not loop.exchange.complete
+
+
+def test_undecodable_and_unusable_messages_are_counted_and_give_no_wrench():
+    loop = Loop(make())
+    receive = loop.answering.inputs["body_b/pose"].receive
+    assert receive(b"") is None
+    assert receive(b"\x00\x01\x00\x00" + bytes(7)) is None
+    assert loop.answering.health.undecodable == 2
+    loop.plant.state[layout.B_POSE + 3 : layout.B_POSE + 7] = 0.0
+    answer = loop.sample()
+    assert cdr_decoder.read_wrench(answer.wrench_b).values == (0.0,) * 6
+    assert loop.answering.health.bad_quaternion == 1
+
+
+def test_a_failing_connector_gives_zero_wrenches_and_words():
+    loop = Loop(make())
+
+    def fail(*_):
+        raise ZeroDivisionError("no such luck")
+
+    loop.answering.connector.step = fail  # type: ignore[method-assign]
+    answer = loop.sample()
+    assert cdr_decoder.read_wrench(answer.wrench_a).values == (0.0,) * 6
+    assert answer.state is None
+    assert loop.answering.health.failure == "ZeroDivisionError: no such luck"
+
+
+def test_a_change_of_friction_keeps_the_history():
+    loop = Loop(make())
+    for _ in range(10):
+        loop.step()
+    before = loop.sample()
+    loop.answering = Answering(make(friction__coefficient=0.3), loop.answering)
+    assert loop.answering.continues
+    assert loop.sample() == before  # the stamp is known
+    loop.exchange.take(0, before.wrench_a, loop.plant.time_ns)
+    loop.exchange.take(1, before.wrench_b, loop.plant.time_ns)
+    loop.plant.step(*loop.exchange.wrenches)
+    loop.step()
+    out = loop.answering.out
+    assert out[layout.DISPLACEMENT] == pytest.approx(0.5 * 0.011, rel=0.01)
+    assert out[layout.FRICTION_COEFFICIENT] == pytest.approx(0.3)
+    assert loop.answering.matcher.counts.samples == 12
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"node_b__position": [0.1, 0, 0]}, {"reference__offsets": "zero"}, {"body_a__mass": 2}],
+)
+def test_a_change_of_geometry_or_inertia_begins_a_new_history(change):
+    loop = Loop(make())
+    for _ in range(10):
+        loop.step()
+    parameters = make().parameters() | {k.replace("__", "."): v for k, v in change.items()}
+    loop.answering = Answering(Scene.from_parameters(parameters), loop.answering)
+    assert not loop.answering.continues
+    loop.step()
+    assert loop.answering.out[layout.DISPLACEMENT] == 0.0
+    assert loop.answering.matcher.counts.samples == 11
+
+
+def test_a_recorder_survives_what_the_disk_does(tmp_path):
+    recorder = Recorder()
+    topics = [TopicInfo("/body_b/pose", "geometry_msgs/msg/PoseStamped")]
+    recorder.write("/body_b/pose", b"", 0)  # not recording: nothing to do
+    with pytest.raises(RecordingError, match="not recording"):
+        recorder.stop()
+    first = recorder.start(tmp_path, "joint", topics, {}, "zstd")
+    with pytest.raises(RecordingError, match="already recording"):
+        recorder.start(tmp_path, "joint", topics, {}, "zstd")
+    recorder.write("/body_b/pose", b"\x00\x01\x00\x00", 5)
+    recorder.write("/unknown", b"", 6)
+    assert (recorder.recorded, recorder.lost) == (1, 1)
+    assert "/unknown" in recorder.failure
+    assert recorder.stop() == f"recorded 1 messages in {first}"
+    second = recorder.start(tmp_path, "joint", topics, {}, "zstd")  # within the same second
+    assert second != first
+    recorder.stop()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError):
+        recorder.start(tmp_path / "file", "joint", topics, {}, "zstd")
+    assert not recorder.running
+
+
+def test_stamps_that_go_back_reset_the_connector():
+    scene = make()
+    loop = Loop(scene)
+    for _ in range(30):
+        loop.step()
+    assert loop.answering.out[layout.DISPLACEMENT] > 0.01
+    loop.plant = Plant(scene)
+    answer = loop.sample()
+    assert answer is not None
+    assert answer.stamp == 0
+    assert loop.answering.out[layout.DISPLACEMENT] == 0.0
+    assert loop.answering.matcher.counts.restarts == 1
+
+
+def wrench(stamp: int, force: float) -> bytes:
+    return StampedWriter("body_b").write(stamp, np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0]))
+
+
+def test_a_plant_in_lock_step_takes_its_own_stamp_only():
+    counts = PlantCounts()
+    exchange = Exchange(make(), counts)
+    exchange.take(1, wrench(4 * MS, 1.0), 5 * MS)
+    exchange.take(1, wrench(6 * MS, 1.0), 5 * MS)
+    exchange.take(1, b"nothing", 5 * MS)
+    assert not exchange.wrenches[1].any()
+    exchange.take(1, wrench(5 * MS, 2.0), 5 * MS)
+    exchange.take(1, wrench(5 * MS, 3.0), 5 * MS)
+    assert exchange.wrenches[1][0] == 2.0
+    assert exchange.silent == ["body_a/wrench"]
+    assert (counts.ignored, counts.repeated, counts.undecodable) == (2, 1, 1)
+
+
+def test_a_free_plant_takes_what_is_newest():
+    counts = PlantCounts()
+    exchange = Exchange(make(plant__lock_step=False), counts)
+    for stamp, force in ((4, 1.0), (3, 2.0), (6, 3.0)):
+        exchange.take(1, wrench(stamp * MS, force), 5 * MS)
+    assert exchange.wrenches[1][0] == 3.0
+    assert counts.ignored == 1
+    assert not exchange.complete

@@ -1,0 +1,42 @@
+"""Recorded runs of live loops, compared with the loop in process."""
+
+import numpy as np
+from paths import CONFIG
+from ros_processes import parameters
+
+from cylconn_ros.core import layout
+from cylconn_ros.messages import cdr_decoder
+from cylconn_ros.messages.pipeline import Answering
+from cylconn_ros.recording.run import Run
+from cylconn_ros.scene.scene import Scene
+
+MS = 1_000_000
+
+
+def scene_arguments(name: str, *rules: str) -> list[str]:
+    path = str(CONFIG / f"{name}.yaml")
+    return ["--ros-args", "--params-file", path, *parameters(*rules, least=False)[1:]]
+
+
+def states(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps, and the state blocks as in OUT."""
+    table = run.state
+    columns = [np.reshape(table[name], (len(table), -1)) for name, _ in layout.STATE_FIELDS]
+    return table.stamp, np.hstack(columns)
+
+
+def assert_replayed(run: Run, scene: Scene) -> None:
+    """Assert that what was recorded as received gives again what was recorded as published."""
+    answering = Answering(scene)
+    wanted = {run.topic(name.removeprefix("~/")): take for name, take in answering.inputs.items()}
+    arrivals = [
+        (log_time, order, topic, data)
+        for order, topic in enumerate(wanted)
+        for log_time, _, data in run.raw(topic)
+    ]
+    answers = [wanted[topic].receive(data) for _, _, topic, data in sorted(arrivals)]
+    replayed = [answer for answer in answers if answer is not None]
+    for body in ("a", "b"):
+        recorded = [data for _, _, data in run.raw(run.topic(f"body_{body}/wrench"))]
+        answered = [getattr(answer, f"wrench_{body}") for answer in replayed]
+        assert [data for data in recorded if any(cdr_decoder.read_wrench(data).values)] == answered

@@ -1,0 +1,92 @@
+"""A bag of other software, from one end to the other: Odometry at uneven rates, by rosbags."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from scenes import bundled
+from test_replay import odometry_bag
+
+from cylconn_ros.cli.main import main
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.scene.parameter_file import dump
+
+REMAP = ["--remap", "body_b/odom:=/robot/sleeve"]
+STEPS = 3000
+
+
+@pytest.fixture(scope="module", params=[StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("foreign")
+    scene = dump(bundled("demo")).replace("input: pose_twist", "input: odometry")
+    (path / "scene.yaml").write_text(scene)
+    odometry_bag(path / "bag", uneven=True, steps=STEPS, storage=request.param)
+    return path
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = main(list(map(str, arguments)))
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def test_as_it_is_it_tells_what_it_holds(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And what it lacks: no command fails without saying what to do."""
+    code, out, _ = call(capsys, "info", bag / "bag")
+    assert code == 0
+    assert "nav_msgs/msg/Odometry" in out
+    assert "no states" in out
+    for command, advice in (
+        ("report", "-o RUN makes a run of a recording of inputs"),
+        ("replay", "give --params FILE"),
+        ("identify", "with --params FILE"),
+    ):
+        code, _, err = call(capsys, command, bag / "bag")
+        assert code == 2
+        assert advice in err
+    given = ("--params", bag / "scene.yaml")
+    code, _, err = call(capsys, "replay", bag / "bag", *given)
+    assert code == 2
+    assert "/robot/sleeve (nav_msgs/msg/Odometry)" in err
+    code, _, err = call(capsys, "replay", bag / "bag", *given, *REMAP, "--compare")
+    assert code == 2
+    assert "holds no outputs to compare with" in err
+
+
+def test_replayed_it_is_a_run_like_any(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ("--params", bag / "scene.yaml", *REMAP)
+    code, out, err = call(capsys, "replay", bag / "bag", *given, "-o", bag / "run")
+    assert code == 0
+    assert "off the period" in out
+    assert "replay bag: 100%" in err, "progress"
+    samples = read_run(bag / "run").counts["/connector/state"]
+    assert 0.85 * STEPS < samples < 0.95 * STEPS
+    code, out, _ = call(capsys, "replay", bag / "run", "--compare")
+    assert code == 0
+    assert f"/connector/state: {samples} compared, identical" in out
+    code, out, _ = call(capsys, "info", bag / "run")
+    assert code == 0
+    assert f"samples     {samples} over" in out
+    code, out, _ = call(capsys, "report", bag / "run", "-o", bag / "run.html")
+    assert code == 0
+    assert f"{samples} samples: every sample" in out
+
+
+def test_its_friction_is_found(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In the bag itself, and in the run made of it: the demo's parameters."""
+    friction = bundled("demo").friction
+    asked = [(bag / "bag", "--params", bag / "scene.yaml", *REMAP)]
+    if not (bag / "run").exists():
+        assert main(["replay", *map(str, asked[0]), "-o", str(bag / "run")]) == 0
+        capsys.readouterr()
+    asked.append((bag / "run",))
+    for arguments in asked:
+        code, out, _ = call(capsys, "identify", *arguments, "--json", "-")
+        assert code == 0
+        found = json.loads(out)["estimates"]
+        for name in ("coefficient", "preload", "overlap", "radius"):
+            low, high = found[f"friction.{name}"]["interval_95"]
+            assert low <= getattr(friction, name) <= high, name

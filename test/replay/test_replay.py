@@ -1,0 +1,331 @@
+"""A recording replayed: to the same bytes, to "what if", and whoever wrote it."""
+
+from __future__ import annotations
+
+import sqlite3
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scenes import bundled
+
+from cylconn_ros.cli import main as cylconn
+from cylconn_ros.core import layout
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.messages.cdr_encoder import StampedWriter
+from cylconn_ros.recording import writer as writer_module
+from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.replay.compare import Comparison
+from cylconn_ros.replay.replay import Replay
+from cylconn_ros.simulation.simulate import simulate
+
+Answer = tuple[int, str, str]
+Command = Callable[..., Answer]
+STEPS = 200
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Command:
+    def run(*arguments: object) -> Answer:
+        code = cylconn.main(["replay", *map(str, arguments)])
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run as the nodes would have recorded it."""
+    path = tmp_path_factory.mktemp("runs") / "demo"
+    code = cylconn.main(["simulate", "demo", "--duration", str(STEPS * 1e-3), "-o", str(path)])
+    assert code == 0
+    return path
+
+
+def test_the_same_again(recorded: Path, command: Command) -> None:
+    code, out, _ = command(recorded, "--compare")
+    assert code == 0
+    assert f"/connector/state: {STEPS} compared, identical" in out
+    assert out.endswith("the same\n")
+
+
+def test_the_replay_is_a_run(recorded: Path, command: Command, tmp_path: Path) -> None:
+    """It reads as the recording does, and replays to itself."""
+    code, out, _ = command(recorded, "-o", tmp_path / "again")
+    assert code == 0
+    assert "next: cylconn info" in out
+    old, new = read_run(recorded), read_run(tmp_path / "again")
+    assert new.incomplete is None
+    assert old.counts == {t: n for t, n in new.counts.items() if n}
+    for topic in ("/body_b/wrench", "/connector/joint_state", "/body_b/pose"):
+        assert [m[2] for m in old.raw(topic)] == [m[2] for m in new.raw(topic)]
+    assert command(tmp_path / "again", "--compare")[0] == 0
+    code, _, err = command(recorded, "-o", tmp_path / "again")
+    assert code == 2
+    assert "never overwritten" in err
+
+
+def test_what_if(recorded: Path, command: Command, tmp_path: Path) -> None:
+    """Other parameters: one alone, or a file; and where they part is said."""
+    code, out, _ = command(recorded, "--compare", "--set", "friction.coefficient=0.4")
+    assert code == 1
+    assert "BEYOND  force_friction: up to" in out
+    assert "NOT THE SAME" in out
+    assert command(recorded, "--compare", "--set", "friction.coefficient=0.4",
+                   "--tolerance", 10.0)[0] == 0  # fmt: skip
+    other = tmp_path / "other.yaml"
+    other.write_text("/**:\n  ros__parameters:\n    method: baumgarte\n")
+    code, out, _ = command(recorded, "--params", other)
+    assert code == 0
+    assert "model       method baumgarte" in out
+    assert command(recorded, "--set", "friction.coefficient=-1")[0] == 2
+    assert command(recorded, "--set", "friction")[0] == 2
+
+
+def test_one_changed_byte_is_found(recorded: Path, command: Command, tmp_path: Path) -> None:
+    """The comparison can fail: a wrench changed in its last bit, at one sample."""
+    changed, run = tmp_path / "changed", Bag(recorded)
+    topics = Replay(run, bundled("demo")).topics()
+    with RunWriter(changed, topics, run.texts) as writer:
+        for k, (topic, log_time, data) in enumerate(run.messages()):
+            if topic == "/body_b/wrench" and 500 < k < 507:
+                data = data[:-8] + bytes([data[-8] ^ 1]) + data[-7:]
+            writer.write(topic, data, log_time, log_time)
+    code, out, _ = command(changed, "--compare")
+    assert code == 1
+    assert "/body_b/wrench: 200 compared, 1 differ" in out
+    assert "wrench.torque.z" in out
+    assert command(changed, "--compare", "--tolerance", 1e-12)[0] == 0
+
+
+def odometry_bag(
+    path: Path, uneven: bool, steps: int = STEPS, storage: StoragePlugin = StoragePlugin.SQLITE3
+) -> None:
+    """Odometry of the sleeve, written by rosbags; uneven: jittered, lossy, late and foreign."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    run = simulate(bundled("demo"), steps)
+    rng = np.random.default_rng(1)
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        name = "nav_msgs/msg/Odometry"
+        sent = writer.add_connection("/robot/sleeve", name, typestore=store)
+        other = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
+        for k, state in enumerate(run.states):
+            if uneven and rng.random() < 0.1:
+                continue
+            stamp = round(run.time[k] * 1e9)
+            x, v = state[layout.B_POSE : layout.B_TWIST], state[layout.B_TWIST :]
+            message = _odometry(types, stamp, x, v)
+            log = stamp + (int(rng.integers(0, 400_000)) if uneven else 0)
+            writer.write(sent, log, store.serialize_cdr(message, name))
+            text = types["std_msgs/msg/String"](data="hello")
+            writer.write(other, log, store.serialize_cdr(text, "std_msgs/msg/String"))
+
+
+def _odometry(types: Any, stamp: int, x: np.ndarray, v: np.ndarray) -> Any:
+    def make(name: str, *values: Any) -> Any:
+        return types[f"geometry_msgs/msg/{name}"](*values)
+
+    header = types["std_msgs/msg/Header"](
+        types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000)), "world"
+    )
+    turn = _axes(x[3:7])
+    pose = make("Pose", make("Point", *x[:3]), make("Quaternion", *x[3:7]))
+    linear, angular = turn.T @ v[:3], turn.T @ v[3:6]
+    twist = make("Twist", make("Vector3", *linear), make("Vector3", *angular))
+    none = np.zeros(36)
+    return types["nav_msgs/msg/Odometry"](
+        header, "sleeve", make("PoseWithCovariance", pose, none),
+        make("TwistWithCovariance", twist, none),
+    )  # fmt: skip
+
+
+def _axes(q: np.ndarray) -> np.ndarray:
+    x, y, z, w = q
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_odometry_of_other_software(uneven: bool, command: Command, tmp_path: Path) -> None:
+    odometry_bag(tmp_path / "bag", uneven)
+    scene = tmp_path / "scene.yaml"
+    from cylconn_ros.scene.parameter_file import dump
+
+    scene.write_text(dump(bundled("demo")))
+    asked = (tmp_path / "bag", "--params", scene, "--set", "input=odometry",
+             "--remap", "body_b/odom:=/robot/sleeve", "--set", "body_b.frame=sleeve")  # fmt: skip
+    code, out, _ = command(*asked, "-o", tmp_path / "out")
+    assert code == 0
+    state = read_run(tmp_path / "out").state
+    exact = simulate(bundled("demo"), STEPS).outs
+    if uneven:
+        assert 0.8 * STEPS < len(state) < STEPS
+        assert "off the period" in out
+        assert np.isfinite(state["force"]).all()
+    else:
+        np.testing.assert_allclose(state["force"], exact[:, layout.FORCE : layout.FORCE + 3],
+                                   rtol=1e-9, atol=1e-9)  # fmt: skip
+    assert "of other topics" in out
+    code, _, err = command(*asked[:3], "--set", "input=odometry", "--set", "body_b.frame=sleeve")
+    assert code == 2, "it does not guess"
+    assert "/robot/sleeve (nav_msgs/msg/Odometry)" in err
+
+
+def test_sqlite_bags(recorded: Path, command: Command, tmp_path: Path) -> None:
+    """As ROS 2 before Jazzy records them by default."""
+    file = tmp_path / "old.db3"
+    bag = Bag(recorded)
+    with sqlite3.connect(file) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INT, timestamp INT, data BLOB)"
+        )
+        ids = {name: k for k, name in enumerate(bag.types)}
+        rows = [(k, name, bag.types[name]) for name, k in ids.items()]
+        database.executemany("INSERT INTO topics VALUES(?,?,?)", rows)
+        found = [(ids[topic], when, data) for topic, when, data in bag.messages()]
+        database.executemany("INSERT INTO messages VALUES(NULL,?,?,?)", found)
+    database.close()
+    assert command(file, "--params", Path("config/demo.yaml"), "--compare")[0] == 0
+
+
+def test_damaged_bags_give_what_they_have(recorded: Path, command: Command, tmp_path: Path) -> None:
+    whole = next(recorded.glob("*.mcap")).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    code, out, _ = command(cut, "--compare")
+    assert code == 1
+    assert "DAMAGED" in out
+    assert "identical" in out
+    for content, words in (
+        (b"", "holds no message that can be read"),
+        (b"hello, this is text" * 9, "holds no message that can be read"),
+        (whole[:100], "holds no message that can be read"),
+    ):
+        cut.write_bytes(content)
+        code, _, err = command(cut)
+        assert code == 2
+        assert words in err
+
+
+def test_errors_say_what_is_missing(recorded: Path, command: Command, tmp_path: Path) -> None:
+    for arguments, words in (
+        ((tmp_path / "none",), "no such file or directory"),
+        ((tmp_path,), "not a recording"),
+        ((recorded, "--set", "input=odometry"), "lacks body_b/odom (nav_msgs/msg/Odometry"),
+        ((recorded, "--remap", "odom:=/x"), "odom: is no input of this scene; its inputs are"),
+        ((recorded, "--remap", "body_b/pose:=/body_b/twist"), "body_b/pose must be geometry"),
+        ((recorded, "--remap", "x"), "must be INPUT:=TOPIC"),
+    ):
+        code, _, err = command(*arguments)
+        assert code == 2
+        assert words in err
+
+
+def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None:
+    both = tmp_path / "both"
+    both.mkdir()
+    (both / "0.mcap").write_bytes(next(recorded.glob("*.mcap")).read_bytes())
+    with sqlite3.connect(both / "1.db3") as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute("INSERT INTO topics VALUES(1, '/body_b/pose', 'std_msgs/msg/String')")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INT, timestamp INT, data BLOB)"
+        )
+    database.close()
+    with pytest.raises(RecordingError, match="one type a topic"):
+        Bag(both)
+
+
+def long_bag(path: Path, count: int) -> Path:
+    """Poses and twists of so many samples, without outputs."""
+    run = simulate(bundled("demo"), 50)
+    places = {"/body_b/pose": (layout.B_POSE, 7), "/body_b/twist": (layout.B_TWIST, 6)}
+    kinds = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped")
+    topics = [TopicInfo(name, kind) for name, kind in zip(places, kinds, strict=True)]
+    writers = {name: StampedWriter("world", number) for name, (_, number) in places.items()}
+    with RunWriter(path, topics, {}, "none") as writer:
+        for k in range(count):
+            for name, (at, number) in places.items():
+                values = np.ascontiguousarray(run.states[k % 50, at : at + number])
+                data = writers[name].write(k * 1_000_000, values)
+                writer.write(name, data, k * 1_000_000, 0)
+    return path
+
+
+@pytest.mark.parametrize("way", ["messages", "parts"])
+def test_memory_does_not_grow_with_the_bag(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag passes through: four times as long, it takes as much, but for the sizes of chunks."""
+    monkeypatch.setattr(
+        writer_module, "INTERVAL", 60.0
+    )  # chunks of one size, however busy the machine
+    peaks = []
+    for count in (20_000, 80_000):
+        replay = Replay(Bag(long_bag(tmp_path / str(count), count)), bundled("demo"))
+        replay.answering.wanted = lambda _: False
+        tracemalloc.start()
+        for _ in getattr(replay, way)():
+            pass
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert replay.counts.answers == count
+    assert peaks[1] < 2.0 * peaks[0]
+
+
+def test_rows_are_compared_as_messages_are() -> None:
+    """Some missing, some twice, some different: in one call or message by message."""
+    rng = np.random.default_rng(3)
+    kind, topic = "geometry_msgs/msg/WrenchStamped", "/w"
+    for _ in range(50):
+        stamps = np.sort(rng.choice(60, 40, replace=bool(rng.integers(2)))) * 1000 + 10**9
+        values = rng.normal(size=(40, 6))
+        recorded = StampedWriter("a").rows(stamps, values)
+        values[rng.integers(0, 40, 3), rng.integers(0, 6, 3)] += 1e-3
+        replayed = StampedWriter("a").rows(stamps, values)
+        recorded = np.delete(recorded, rng.integers(0, 40, rng.integers(0, 4)), axis=0)
+        replayed = np.delete(replayed, rng.integers(0, 40, rng.integers(0, 4)), axis=0)
+        one, many = (Comparison({topic: kind}, {}, 1e-5) for _ in range(2))
+        edges = sorted(rng.integers(0, 37, 2).tolist())
+        for old, new in zip(np.split(recorded, edges), np.split(replayed, edges), strict=True):
+            many.both(topic, old, new)
+            for row in old:
+                one.recorded(topic, row.tobytes())
+            for row in new:
+                one.replayed(topic, row.tobytes())
+        assert many.result() == one.result()
+
+
+def test_the_first_beyond_a_tolerance_is_found_however_long_the_bag() -> None:
+    """Differences that grow: within the tolerance at first, in lots of thousands."""
+    kind, topic, count = "geometry_msgs/msg/WrenchStamped", "/w", 10_000
+    stamps = np.arange(count) * 1000
+    values = np.ones((count, 6))
+    recorded = StampedWriter("a").rows(stamps, values)
+    values[:, 2] += 1e-8 * np.arange(count)
+    values[77, 4] = 3.0
+    comparison = Comparison({topic: kind}, {}, 0.5e-4)
+    comparison.both(topic, recorded, StampedWriter("a").rows(stamps, values))
+    (found,) = comparison.result()
+    assert (found.same, found.different) == (1, count - 1)
+    torque, force = found.differences
+    assert (torque.field, torque.first, torque.recorded, torque.replayed) == (
+        "wrench.torque.y", 77_000, 1.0, 3.0,
+    )  # fmt: skip
+    assert force.field == "wrench.force.z"
+    assert 5000 < force.first / 1000 < 5060
+    assert force.worst == pytest.approx(1e-8 * (count - 1))

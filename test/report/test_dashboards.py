@@ -1,0 +1,179 @@
+"""Layouts for Foxglove and PlotJuggler: everything they show is in a message that we send."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from paths import ROOT
+
+from cylconn_ros.messages.pipeline import POSE
+from cylconn_ros.process.child import private_environment
+from cylconn_ros.recording.message_definitions import interface
+from cylconn_ros.recording.schema import parse
+from cylconn_ros.ros.connector.topics import OUTPUTS
+
+FOXGLOVE = ROOT / "dashboards" / "foxglove.json"
+PLOTJUGGLER = ROOT / "dashboards" / "plotjuggler.xml"
+
+# As the node sends and receives them without namespace and remapping.
+TOPICS = {
+    **{"/" + name.replace("~", "connector"): kind for name, kind in OUTPUTS},
+    "/body_a/pose": POSE,
+    "/body_b/pose": POSE,
+    "/connector/markers": "visualization_msgs/msg/MarkerArray",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+
+
+def check(topic: str, steps: list[str]) -> None:
+    """Walk a path, ``field`` or ``field[2]`` a step, down to a number or a text."""
+    assert topic in TOPICS, f"no topic {topic}"
+    kind = TOPICS[topic]
+    schema = parse(kind, interface(kind).definition)
+    at = kind.replace("/msg/", "/")
+    for step in steps:
+        match = re.fullmatch(r"(\w+)(?:\[(\d+)\])?", step)
+        assert match, f"{topic}: cannot read {step}"
+        members = {member.name: member for member in schema.get(at, ())}
+        assert match[1] in members, f"{topic}: {at} has no field {match[1]}"
+        member = members[match[1]]
+        assert member.is_array == (match[2] is not None), f"{topic}: {step}: one of several?"
+        if match[2] is not None and member.count is not None:
+            assert int(match[2]) < member.count, f"{topic}: {step}: it has {member.count}"
+        at = member.type
+    assert at not in schema or not steps, f"{topic}: {steps[-1]} is a message, not a value"
+
+
+def foxglove_paths(config: Any) -> Iterator[str]:
+    for key, value in config.items():
+        if key == "paths":
+            yield from (path["value"] for path in value)
+        elif key == "xAxisPath":
+            yield value["value"]
+        elif key in ("topicToRender", "topicPath"):
+            yield value
+        elif key == "topics":
+            yield from value
+
+
+def panels_of(layout: Any) -> Iterator[str]:
+    if isinstance(layout, str):
+        yield layout
+    else:
+        assert layout["direction"] in ("row", "column")
+        assert 0 < layout["splitPercentage"] < 100
+        yield from panels_of(layout["first"])
+        yield from panels_of(layout["second"])
+
+
+def test_foxglove_shows_what_is_sent() -> None:
+    layout = json.loads(FOXGLOVE.read_text())
+    paths = [path for config in layout["configById"].values() for path in foxglove_paths(config)]
+    assert len(paths) > 40
+    for path in paths:
+        topic, *steps = path.split(".")
+        check(topic, steps)
+
+
+def test_foxglove_places_every_panel_once() -> None:
+    layout = json.loads(FOXGLOVE.read_text())
+    placed = list(panels_of(layout["layout"]))
+    for config in layout["configById"].values():
+        for tab in config.get("tabs", []):
+            placed += panels_of(tab["layout"])
+    assert sorted(placed) == sorted(layout["configById"])
+    assert {"configById", "globalVariables", "userNodes", "playbackConfig"} <= set(layout)
+
+
+def plotjuggler_curves(root: ElementTree.Element) -> tuple[list[str], set[str]]:
+    """Series that have to come from messages, and names of those computed from them."""
+    computed = {snippet.attrib["name"] for snippet in root.iter("snippet")}
+    series = []
+    for curve in root.iter("curve"):
+        xy = [curve.attrib[axis] for axis in ("curve_x", "curve_y") if axis in curve.attrib]
+        series += xy or [curve.attrib["name"]]
+    for snippet in root.iter("snippet"):
+        series += [source.text or "" for source in snippet.iter() if source.tag in SOURCES]
+    return [name for name in series if name not in computed], computed
+
+
+SOURCES = ("linked_source", "v1", "v2")
+
+
+def test_plotjuggler_shows_what_is_sent() -> None:
+    root = ElementTree.parse(PLOTJUGGLER).getroot()
+    series, computed = plotjuggler_curves(root)
+    assert len(series) > 35
+    for name in series:
+        topic = next((t for t in TOPICS if name.startswith(t + "/")), name)
+        check(topic, name[len(topic) + 1 :].split("/"))
+    drawn = {curve.attrib["name"] for curve in root.iter("curve")}
+    assert computed <= drawn
+
+
+def test_plotjuggler_splits_add_up() -> None:
+    for splitter in ElementTree.parse(PLOTJUGGLER).getroot().iter("DockSplitter"):
+        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+        assert len(sizes) == len(splitter) == int(splitter.attrib["count"])
+        assert sum(sizes) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("topic", "steps", "why"),
+    [
+        ("/connector/stat", ["force"], "no topic"),
+        ("/connector/state", ["normal"], "no field normal"),
+        ("/connector/state", ["force"], "one of several"),
+        ("/connector/state", ["force[3]"], "it has 3"),
+        ("/connector/state", ["traction[0]"], "one of several"),
+        ("/body_b/pose", ["pose", "position"], "is a message"),
+    ],
+)
+def test_a_wrong_path_is_seen(topic: str, steps: list[str], why: str) -> None:
+    with pytest.raises(AssertionError, match=re.escape(why)):
+        check(topic, steps)
+
+
+# The page that leads there
+
+GUIDE = (ROOT / "docs" / "dashboards.md").read_text()
+
+
+def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
+    blocks = re.findall(r"^```sh\n(.*?)^```", GUIDE, re.DOTALL | re.MULTILINE)
+    assert len(blocks) == 3
+    environment = {
+        **private_environment(),
+        "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
+    }
+    done = subprocess.run(
+        ["bash", "-euc", "\n".join(blocks)],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=500,
+    )
+    assert done.returncode == 0, done.stdout
+    for name in ("drawer", "connector", "again"):
+        assert "every sample" in done.stdout
+        assert (tmp_path / f"{name}.html").stat().st_size > 50_000, done.stdout
+    assert "friction.coefficient: 0.15" in (tmp_path / "again.html").read_text()
+
+
+def test_the_guide_names_what_there_is() -> None:
+    for target in re.findall(r"\]\(([^)#]+)", GUIDE):
+        assert (ROOT / "docs" / target).exists(), target
+    for name in re.findall(r"dashboards/(\w+\.\w+)", GUIDE):
+        assert (ROOT / "dashboards" / name).is_file(), name
+    assert (ROOT / "docs" / "pictures" / "report.png").stat().st_size < 200_000

@@ -1,0 +1,362 @@
+"""The report of a run: what is kept of the numbers, in a page and in a terminal."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from paths import BAGS
+from test_replay import odometry_bag
+
+from cylconn_ros.cli.main import main
+from cylconn_ros.core.layout import STATE_FIELDS
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.metadata import TopicInfo
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.report import decimate, gather, page, payload
+from cylconn_ros.report.panels import PANELS, States
+from cylconn_ros.report.sparkline import sparkline, strip
+from cylconn_ros.scene.scene import shipped
+
+KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
+
+
+@pytest.fixture(scope="module")
+def recording(demo_recording: Path) -> Path:
+    return demo_recording
+
+
+@pytest.fixture(scope="module")
+def run(recording: Path) -> Run:
+    return read_run(recording)
+
+
+@pytest.fixture(scope="module")
+def report(demo_report: Path) -> Path:
+    return demo_report
+
+
+class Packed:
+    """The numbers in a page, read by what its head says."""
+
+    def __init__(self, head: dict[str, Any], numbers: str) -> None:
+        self.head = json.loads(json.dumps(head))
+        self.data = zlib.decompress(base64.b64decode(numbers))
+
+    def __call__(self, place: list[Any]) -> np.ndarray:
+        kind, offset, count = place
+        return np.frombuffer(self.data, KINDS[kind], count, offset)
+
+    def curve(self, panel: str, label: str) -> list[np.ndarray]:
+        (found,) = (p for p in self.head["panels"] if p["key"] == panel)
+        (curve,) = (c for c in found["curves"] if c["label"] == label)
+        return [self(place) for place in curve["drawn"]]
+
+
+def made_up(count: int) -> gather.Gathered:
+    """States of noise, with one peak of one sample in each field."""
+    random = np.random.default_rng(7)
+    fields: dict[str, np.ndarray] = {}
+    for name, width in STATE_FIELDS:
+        values = random.normal(size=count if width == 1 else (count, width))
+        values[int(0.7318 * count)] = 1e3
+        values[int(0.2122 * count)] = -1e3
+        fields[name] = values
+    fields["regime"] = np.full(count, 2)
+    fields["regime"][count // 3] = 1
+    fields["flags"] = np.zeros(count, int)
+    fields["flags"][count // 5] = 1 << 6
+    for name in ("stop", "lock", "status"):
+        fields[name] = np.zeros(count, int)
+    fixed = np.array([[0.0, 0.0, 0.0, 1.0]])
+    geometry = gather.Geometry(fixed[:, :3], fixed, None, 0.02, 0.1, (np.nan, 1.0), (0.0, 0.0, 1.0))
+    none = np.zeros(count, bool)
+    states = States(fields, 0.02, 1.0)
+    return gather.Gathered(
+        np.arange(count) * 1e-3, 0, none, lambda _: in_pieces(states), lambda _: geometry, 0.02
+    )
+
+
+def in_pieces(states: States) -> Iterator[States]:
+    """States as a file gives them: some at a time."""
+    count = len(states("regime"))
+    for at in range(0, count, 997):
+        fields = {name: values[at : at + 997] for name, values in states.fields.items()}
+        yield States(fields, states.radius, states.preload)
+
+
+def states_of(found: gather.Gathered) -> States:
+    pieces = list(found.pieces(None))
+    names = pieces[0].fields
+    fields = {n: np.concatenate([piece.fields[n] for piece in pieces]) for n in names}
+    return States(fields, pieces[0].radius, pieces[0].preload)
+
+
+def geometry_of(found: gather.Gathered) -> gather.Geometry:
+    return found.geometry_at(np.arange(len(found.time)))
+
+
+# What is kept of the numbers
+
+
+@pytest.mark.parametrize(("count", "buckets"), [(1000, 7), (13, 13), (5, 20), (1, 3)])
+def test_a_bucket_has_the_extremes_of_its_samples(count: int, buckets: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    values[::4] = np.nan
+    first = decimate.starts(count, buckets)
+    low, high = decimate.extremes(values, first)
+    parts = np.split(values, first[1:])
+    assert len(parts) == min(count, buckets)
+    assert all(len(part) for part in parts)
+    for part, least, most in zip(parts, low, high, strict=True):
+        finite = part[np.isfinite(part)]
+        assert [least, most] == [finite.min(), finite.max()] if len(finite) else np.isnan(least)
+
+
+def test_telling_rows_hold_the_extremes_of_every_column() -> None:
+    columns = np.random.default_rng(3).normal(size=(2, 5000))
+    columns[0, 77] = np.nan
+    first = decimate.starts(5000, 11)
+    rows = decimate.telling_rows(columns, first, 5000)
+    assert len(rows) <= 11 * 5 + 1
+    for start, end in zip(first, [*first[1:], 5000], strict=True):
+        kept = rows[(rows >= start) & (rows < end)]
+        for column in columns:
+            assert np.nanmin(column[kept]) == np.nanmin(column[start:end])
+            assert np.nanmax(column[kept]) == np.nanmax(column[start:end])
+
+
+def test_bits_of_a_single_sample_are_kept() -> None:
+    bits = np.zeros(1000, np.int64)
+    bits[537] = 8
+    assert decimate.union(bits, decimate.starts(1000, 10)).tolist() == [
+        0,
+        0,
+        0,
+        0,
+        0,
+        8,
+        0,
+        0,
+        0,
+        0,
+    ]
+
+
+def test_a_short_run_is_in_the_page_whole(run: Run) -> None:
+    found = gather.gather(run)
+    packed = Packed(*payload.build(found))
+    assert packed.head["whole"]
+    state = run.state
+    for panel, label, expected in (
+        ("slide", "u₁", state["displacement"]),
+        ("speed", "spin R ω₁", 0.02 * state["angular_velocity"][:, 0]),
+        ("normal", "FN", state["normal_force"]),
+        ("normal", "preload", state["normal_force"]),  # the uppermost of what is stacked
+        ("f1", "friction", state["force_friction"]),
+        ("violation", "offset [mm]", state["offset_violation"] * 1e3),
+    ):
+        (drawn,) = packed.curve(panel, label)
+        np.testing.assert_allclose(drawn, expected, rtol=1e-6)
+    np.testing.assert_array_equal(packed(packed.head["time"]), state.time)
+    regime = packed(packed.head["events"]["regime"]["bits"])
+    np.testing.assert_array_equal(regime, 1 << state["regime"].astype(int))
+
+
+def test_a_million_samples_keep_every_extreme_in_a_small_page() -> None:
+    found = made_up(1_000_000)
+    head, numbers = payload.build(found)
+    packed = Packed(head, numbers)
+    assert not head["whole"]
+    assert len(numbers) + len(json.dumps(head)) < 8e6
+    for panel, label, name, component in (
+        ("slide", "u₁", "displacement", None),
+        ("f1", "elastic", "force_elastic", None),
+        ("across", "f₂", "force", 1),
+    ):
+        low, high = packed.curve(panel, label)
+        assert len(low) == len(high) == payload.BUCKETS
+        values = states_of(found)(name, component)
+        np.testing.assert_array_equal(
+            low, np.minimum.reduceat(values, decimate.starts(10**6, payload.BUCKETS)).astype("f4")
+        )
+        assert (low.min(), high.max()) == (-1e3, 1e3)
+    events = packed.head["events"]
+    assert int((packed(events["regime"]["bits"]) & 2).sum()) == 2  # the one sample that stuck
+    assert int(packed(events["flags"]["bits"]).sum()) == 1 << 6
+    path = packed.head["path"]
+    assert packed(path["u1"]).max() == packed(path["f1"]).max() == 1e3
+    assert len(packed(path["time"])) <= 9 * payload.PATH_BUCKETS + 1
+
+
+def test_the_3d_view_knows_where_the_bodies_are(run: Run) -> None:
+    found = gather.gather(run)
+    geometry = geometry_of(found)
+    state = run.state
+    slot = gather.rotate(geometry.axes, np.array([1.0, 0.0, 0.0]))
+    node_b = geometry.origin + state["length"][:, None] * slot
+    # The scene puts the mass centre 2.1 mm off the axis and 1.2 mm beyond node b.
+    assert geometry.centre is not None
+    apart = np.linalg.norm(geometry.centre - node_b, axis=1)
+    np.testing.assert_allclose(apart, np.hypot(1.2e-3, np.hypot(1.8e-3, 1.0e-3)), rtol=1e-3)
+    assert (geometry.radius, geometry.overlap, geometry.up) == (0.02, 0.08, (0.0, 0.0, 1.0))
+
+
+def test_poses_are_found_under_other_names_and_types(tmp_path: Path) -> None:
+    odometry_bag(tmp_path / "bag", uneven=False)
+    options = ["--params", str(shipped("demo")), "--remap", "body_b/odom:=/robot/sleeve"]
+    options += ["--set", "input=odometry", "--set", "body_b.frame=sleeve"]
+    assert main(["replay", str(tmp_path / "bag"), *options, "-o", str(tmp_path / "run")]) == 0
+    found = gather.gather(read_run(tmp_path / "run"))
+    geometry = geometry_of(found)
+    centre = geometry.centre
+    assert centre is not None
+    slot = gather.rotate(geometry.axes, np.array([1.0, 0.0, 0.0]))
+    node_b = geometry.origin + np.asarray(states_of(found)("length"))[:, None] * slot
+    apart = np.linalg.norm(centre - node_b, axis=1)
+    np.testing.assert_allclose(apart, np.hypot(1.2e-3, np.hypot(1.8e-3, 1.0e-3)), rtol=1e-3)
+
+
+def test_stops_of_a_real_recording_are_shown() -> None:
+    run = read_run(BAGS / "stop_impact")
+    packed = Packed(*payload.build(gather.gather(run)))
+    stop = packed.head["events"]["stop"]
+    np.testing.assert_array_equal(packed(stop["bits"]), run.state["stop"])
+    assert set(packed(stop["bits"])) == {0, 1, 2}
+    assert stop["names"][:2] == ["stop length min", "stop length max"]
+    assert packed.head["geometry"]["stops"] == [0.0, 0.1]
+
+
+def test_what_is_wrong_with_the_samples_is_said(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = run.state
+    columns = dict(state.columns)
+    nanosec = columns["header.stamp.nanosec"].copy()
+    nanosec[10] = nanosec[9]  # a repeated stamp
+    keep = np.r_[0:100, 150 : len(nanosec)]  # a gap
+    columns = {name: values.copy()[keep] for name, values in columns.items()}
+    columns["header.stamp.nanosec"] = nanosec[keep]
+    columns["normal_force"][60] = np.nan
+    table = type(state)(state.topic, state.type, keep, keep, columns, 3)
+    broken = Run(run.path, run.metadata, {}, "the end is missing")
+    broken.types = {state.topic: state.type}
+    monkeypatch.setattr(broken, "pieces", lambda *_, only=None: iter([table]))
+    found = gather.gather(broken)
+    head, numbers = payload.build(found)
+    said = " ".join(found.notes)
+    assert "not whole: the end is missing" in said
+    assert "could not be decoded: states 3." in said
+    assert "stamps repeat or go back: samples 1." in said
+    assert "Gaps without samples: 1, 0.051 s" in said
+    assert "not finite, left blank there: 1." in said
+    assert np.flatnonzero(found.gaps).tolist() == [99]
+    (normal,) = Packed(head, numbers).curve("normal", "FN")
+    assert np.flatnonzero(np.isnan(normal)).tolist() == [59]
+
+
+def test_a_part_of_a_run(run: Run) -> None:
+    found = gather.gather(run, 1.0, 1.5)
+    assert (found.time[0], found.time[-1]) == (1.0, 1.5)
+    assert "Only 1 to 1.5 s" in found.notes[0]
+    with pytest.raises(RecordingError, match=r"no sample between 9 and inf s; it has 0 to 3.999 s"):
+        gather.gather(run, 9.0)
+
+
+def test_every_field_of_a_panel_is_in_the_message() -> None:
+    found = made_up(10)
+    for panel in PANELS:
+        for curve in panel.curves:
+            assert curve.values(states_of(found)).shape == (10,), f"{panel.title}: {curve.label}"
+
+
+def test_what_a_run_says_of_itself_is_text_and_no_markup() -> None:
+    head, numbers = payload.build(made_up(20))
+    evil = "</script><img src=x onerror=alert(1)>%%numbers%%"
+    head["empty"] = [evil]
+    text = page.render(evil, [page.Fact(evil, evil)], [evil], [(evil, evil)], evil, head, numbers)
+    assert "<img" not in text
+    assert text.count("</script>") == 3
+    assert text.count(numbers) == 1
+
+
+def test_the_page_refers_to_nothing_outside(report: Path) -> None:
+    outside = r"""(src|href)=["']?(?!data:)\w|url\(|@import|https?:|\bimport\b.*from|\bfetch\("""
+    assert re.search(outside, report.read_text()) is None
+
+
+# In the terminal
+
+
+def test_a_sparkline_shows_a_peak_of_one_sample() -> None:
+    values = np.zeros(10_000)
+    values[4321] = 1.0
+    line = sparkline(values, 50)
+    assert len(line) == 50
+    assert line.index("█") == 21
+    assert set(line) == {"▁", "█"}
+    values[:300] = np.nan
+    assert sparkline(values, 50).startswith(" ▁")
+    assert sparkline(np.array([1e-9, 0.0, 1e-5, 1e-1]), 4, log=True) == "▁▁▅█"
+    assert sparkline(np.zeros(3), 9) == "▁▁▁"
+    assert sparkline(np.array([]), 9) == ""
+
+
+def test_a_strip_passes_over_nothing() -> None:
+    states = np.full(1000, 2)
+    states[500:] = 1
+    states[777] = 2
+    assert strip(states, ".#~", 10) == "~~~~~##/##"
+
+
+def test_info_draws_the_course_of_a_run(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "90")
+    assert main(["info", str(recording)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) < 40  # one screen
+    (slide,) = (line for line in lines if line.startswith("slide "))
+    assert re.search(r"▁▁?▂.*▆▇+█+  0 to 1\.447 m$", slide)
+    assert any(re.search(r"^regime .*░+/?█+  █ stick, ░ slip$", line) for line in lines)
+    assert all(len(line) <= 90 for line in lines[lines.index(slide) :])
+
+
+# The command
+
+
+def test_the_command_says_what_it_wrote(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "r.html"
+    part = ["--from", "3", "--to", "3.25", "--title", "The last <metre>"]
+    assert main(["report", str(recording), "-o", str(output), *part]) == 0
+    said = capsys.readouterr().out
+    assert "251 samples: every sample" in said
+    assert "note        Only 3 to 3.25 s of 3.999 s." in said
+    text = output.read_text()
+    assert "<title>The last &lt;metre&gt;</title>" in text
+    assert "friction.coefficient: 0.2" in text
+    assert main(["report", str(BAGS / "lossy"), "-o", str(output)]) == 0
+    assert "repeat or go back: samples 1." in capsys.readouterr().out
+    assert main(["report", str(recording), "-o", str(tmp_path / "r.pdf")]) == 2
+    assert main(["report", str(recording), "-o", str(tmp_path / "no" / "r.html")]) == 2
+    assert "No such file or directory" in capsys.readouterr().err
+
+
+def test_a_recording_of_inputs_alone_is_sent_to_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pose = TopicInfo("/body_b/pose", "geometry_msgs/msg/PoseStamped")
+    with RunWriter(tmp_path / "inputs", [pose], {}):
+        pass
+    assert main(["report", str(tmp_path / "inputs")]) == 2
+    error = capsys.readouterr().err
+    assert "no states of a connector" in error
+    assert f"cylconn replay {tmp_path / 'inputs'} -o RUN" in error

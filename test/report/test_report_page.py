@@ -1,0 +1,225 @@
+"""The page of a report in a real browser: plots, cursor, keys, light and dark."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import Page, browser
+from test_report import made_up
+
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.report import page, payload
+
+
+@pytest.fixture(scope="module")
+def report(demo_report: Path) -> Path:
+    return demo_report
+
+
+@pytest.fixture(scope="module")
+def run(demo_recording: Path) -> Run:
+    return read_run(demo_recording)
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def opened(chromium: Page, report: Path) -> Page:
+    chromium.problems.clear()
+    chromium.requests.clear()
+    chromium.open(report)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    return chromium
+
+
+VALUES = "built.all.map((one) => [one.parts.root.dataset.key ?? 'events', ...one.values])"
+# For every plot, the curves that leave no trace: drawn alone, in the same scale, nothing changes.
+MISSING = """
+built.all.filter((one) => one.panel).map((one) => {
+  const { base, stage } = one.parts, { curves } = one.panel;
+  const range = one.range(one.columns(report.plotArea(stage.clientWidth, stage.clientHeight)));
+  one.range = () => range;
+  const picture = (shown) => {
+    one.panel.curves = shown;
+    one.draw();
+    return base.getContext("2d").getImageData(0, 0, base.width, base.height).data;
+  };
+  const empty = picture([]);
+  const traces = (curve) => picture([curve]).reduce((n, part, k) => n + (part !== empty[k]), 0);
+  const missing = curves.filter((curve) => traces(curve) < 200).map((curve) => curve.label);
+  delete one.range;
+  picture(curves);
+  return [one.panel.key, missing];
+})
+"""
+COLOURS = """
+built.all.map((one) => {
+  const canvas = one.parts.base, context = canvas.getContext("2d");
+  const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+  return new Set(new Uint32Array(data.buffer)).size;
+})
+"""
+
+
+# For every plot, the colour most frequent in the columns at two shares of its width.
+BEHIND = """
+built.all.filter((one) => one.panel).map((one) => {
+  const canvas = one.parts.base, context = canvas.getContext("2d");
+  const plot = report.plotArea(one.parts.stage.clientWidth, one.parts.stage.clientHeight);
+  const most = (share) => {
+    const x = Math.round(plot.left + share * plot.width) + 3, count = new Map();
+    const { data } = context.getImageData(x, plot.top, 1, Math.floor(plot.height));
+    for (const pixel of new Uint32Array(data.buffer)) count.set(pixel, (count.get(pixel) ?? 0) + 1);
+    return [...count].sort((a, b) => b[1] - a[1])[0][0];
+  };
+  return [one.panel.key, most(0.3), most(0.97)];
+})
+"""
+
+
+def place(opened: Page, key: str, share: float) -> tuple[float, float]:
+    """A point in a plot, at a share of its width."""
+    box = opened.run(
+        f"(() => {{ const stage = document.querySelector('[data-key={key}] .stage');"
+        " stage.scrollIntoView({ block: 'center' }); const b = stage.getBoundingClientRect();"
+        " const area = [86, b.width - 98]; return [b.left, b.top, b.height, ...area]; })()"
+    )
+    return box[0] + box[3] + share * box[4], box[1] + 0.4 * box[2]
+
+
+def test_the_page_opens_without_a_complaint_and_without_the_network(opened: Page) -> None:
+    assert opened.problems == []
+    assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
+    assert opened.run("document.getElementById('failure').hidden")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_plot_has_its_curves(chromium: Page, report: Path, dark: bool) -> None:
+    chromium.open(report, dark=dark)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    missing = dict(chromium.run(MISSING))
+    shown = {"slide", "spin", "speed", "normal", "friction", "f1", "m1", "across", "bending"}
+    assert {*shown, "violation", "rates", "energy", "residual"} <= set(missing)
+    assert {key: labels for key, labels in missing.items() if labels} == {}
+    assert min(chromium.run(COLOURS)) > 5  # nothing is blank, the disc and the 3-D view neither
+    page_colour = chromium.run("getComputedStyle(document.body).backgroundColor")
+    red = int(re.findall(r"\d+", page_colour)[0])
+    assert red < 60 if dark else red > 200
+
+
+def test_bands_tell_stick_from_slip_behind_every_plot(opened: Page) -> None:
+    behind = opened.run(BEHIND)
+    assert len(behind) > 10
+    assert [key for key, slip, stick in behind if slip == stick or not slip or not stick] == []
+    for at in (1, 2):  # the same tint wherever no area covers it
+        tints = [colours[at] for colours in behind]
+        assert tints.count(max(tints, key=tints.count)) >= len(behind) - 2
+
+
+def test_one_cursor_moves_every_value(opened: Page, run: Run) -> None:
+    seen = []
+    for share in (0.1, 0.5):
+        opened.mouse("mouseMoved", *place(opened, "normal", share))
+        opened.settle()
+        seen.append(opened.run(VALUES))
+        k = opened.run("built.link.index")
+        assert abs(k - share * 3999) < 12  # a pixel is 5 samples
+        readings = {key: values for key, *values in seen[-1]}
+        force = float(run.state["normal_force"][k])
+        assert float(readings["normal"][-1]) == pytest.approx(force, rel=1e-4)
+        slide = float(run.state["displacement"][k])
+        assert float(readings["slide"][0]) == pytest.approx(slide, rel=1e-4)
+        limit = float(run.state["friction_limit"][k])
+        assert float(readings["disc"][0].split()[-1]) == pytest.approx(limit, rel=1e-4)
+        assert f"l {run.state['length'][k]:.4f}" in readings["scene"][0]
+    same = [a[0] for a, b in zip(*seen, strict=True) if a == b]
+    assert same == ["events"]  # it slips at both
+
+
+def test_dragging_zooms_all_plots_and_a_double_click_shows_all(opened: Page) -> None:
+    (x0, y), (x1, _) = place(opened, "slide", 0.25), place(opened, "slide", 0.5)
+    before = opened.run("built.all.map((one) => one.parts.base.toDataURL())")
+    opened.mouse("mouseMoved", x0, y)
+    opened.mouse("mousePressed", x0, y, button="left", buttons=1, clickCount=1)
+    opened.mouse("mouseMoved", x1, y, button="left", buttons=1)
+    opened.mouse("mouseReleased", x1, y, button="left", clickCount=1)
+    opened.settle()
+    low, high = opened.run("built.link.view")
+    assert (low, high) == (pytest.approx(1.0, abs=0.02), pytest.approx(2.0, abs=0.02))
+    after = opened.run("built.all.map((one) => one.parts.base.toDataURL())")
+    assert all(a != b for a, b in zip(before, after, strict=True))
+    for count in (1, 2):
+        opened.mouse("mousePressed", x1, y, button="left", buttons=1, clickCount=count)
+        opened.mouse("mouseReleased", x1, y, button="left", clickCount=count)
+    opened.settle()
+    assert opened.run("built.link.isWhole")
+    assert opened.problems == []
+
+
+def test_keys_step_and_play(opened: Page) -> None:
+    opened.run("built.link.setCursor(1.0)")
+
+    def press(key: str) -> None:
+        event = f"new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }})"
+        opened.run(f"document.body.dispatchEvent({event})")
+
+    press("ArrowRight")
+    assert opened.run("built.link.index") == 1001
+    press(" ")
+    opened.run("new Promise((done) => setTimeout(done, 300))")
+    press(" ")
+    assert opened.run("built.link.t") > 1.001
+    assert opened.run("built.link.playing === null")
+
+
+def test_the_button_changes_light_and_dark(opened: Page) -> None:
+    colour = "getComputedStyle(document.body).backgroundColor"
+    light = opened.run(colour)
+    opened.run("document.getElementById('theme').click()")
+    assert opened.run(colour) != light
+    assert opened.problems == []
+
+
+def test_a_long_run_says_how_it_is_shown(chromium: Page, tmp_path: Path) -> None:
+    head, numbers = payload.build(made_up(100_000))
+    path = tmp_path / "long.html"
+    path.write_text(page.render("long", [], [], [], "", head, numbers))
+    chromium.problems.clear()
+    chromium.open(path)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    assert chromium.problems == []
+    notes = chromium.run("document.getElementById('notes').textContent")
+    assert "100,000 samples are shown in 8,000 buckets of up to 13" in notes
+    assert "every extreme is kept" in notes
+    chromium.run("built.link.setCursor(73.18)")
+    chromium.settle()
+    readings = {key: first for key, first, *_ in chromium.run(VALUES)}
+    assert "… 1000.0" in readings["slide"]
+    assert dict(chromium.run(MISSING))["slide"] == []
+
+
+def test_a_damaged_page_says_so(chromium: Page, report: Path, tmp_path: Path) -> None:
+    text = report.read_text()
+    path = tmp_path / "damaged.html"
+    at = text.index('id="numbers">') + 500
+    path.write_text(text[:at] + "AAAA" * 200 + text[at + 800 :])
+    chromium.events.clear()
+    chromium.send("Page.navigate", url=path.as_uri())
+    chromium.run(
+        "new Promise((done) => setTimeout(done, 200)).then(() => report.ready).catch(() => 0)"
+    )
+    assert "could not be drawn" in chromium.run("document.getElementById('failure').textContent")
+    assert not chromium.run("document.getElementById('failure').hidden")
+
+
+def test_without_a_browser_the_test_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYLCONN_BROWSER", "no-such-browser")
+    with pytest.raises(AssertionError, match="sudo apt install chromium"):
+        __import__("browser").find_browser()

@@ -1,0 +1,296 @@
+"""Commands: what is followed or refused, when it acts, how long it holds; and with processes."""
+
+import math
+
+import numpy as np
+import pytest
+from cylconn_ros.msg import ConnectorState
+from pipelines import MS, Loop, make
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.serialization import serialize_message
+from recorded_loops import assert_replayed
+from ros_processes import Listener, Source
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from test_diagnostics import reported
+
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.core import layout
+from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.messages.pipeline import COMMAND, Answering
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.ros.connector.diagnostics import Links, Monitor
+from cylconn_ros.ros.connector.recorder import Recorder
+from cylconn_ros.scene.scene import Scene, load
+
+NAN = math.nan
+
+
+def command(*names: str, position=(), velocity=(), effort=()) -> bytes:
+    message = JointState(name=names, position=position, velocity=velocity, effort=effort)
+    return serialize_message(message)
+
+
+def send(loop: Loop, *names: str, **arrays) -> None:
+    assert loop.answering.inputs[COMMAND].receive(command(*names, **arrays)) is None
+
+
+def read(data: bytes) -> dict[str, joint_command.Imposition]:
+    return joint_command.read(cdr_decoder.read_joint_state(data))
+
+
+def test_names_stand_in_any_order_and_alone():
+    both = read(command("spin", "slide", position=(1.0, 2.0), velocity=(3.0, 4.0)))
+    assert both["slide"][:2] == (2.0, 4.0)
+    assert both["spin"][:2] == (1.0, 3.0)
+    assert math.isnan(both["slide"].force)
+    alone = read(command("spin", effort=(5.0,)))
+    assert list(alone) == ["spin"]
+    assert alone["spin"].force == 5.0
+    assert math.isnan(alone["spin"].position)
+    mixed = read(command("slide", "spin", velocity=(0.1, NAN), effort=(NAN, 7.0)))
+    assert mixed["slide"].velocity == 0.1
+    assert mixed["spin"].force == 7.0
+    assert str(mixed["slide"]) == "velocity 0.1"
+    assert str(read(command("slide"))["slide"]) == "free"
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (command(effort=(1.0,)), r"name = \[\]: must name slide, spin or both"),
+        (command("slide", "tilt"), "name = 'tilt': must be slide or spin"),
+        (command("slide", "slide"), "name = 'slide': must not be given twice"),
+        (command("slide", "spin", position=(1.0,)), "position: 1 numbers for 2 names"),
+        (command("slide", velocity=(1.0, 2.0)), "velocity: 2 numbers for 1 names"),
+        (command("spin", effort=(math.inf,)), "effort of spin = inf: must be finite"),
+        (
+            command("slide", "spin", velocity=(1.0, 1.0), effort=(NAN, 2.0)),
+            "effort of spin = 2: must not be given with a motion",
+        ),
+    ],
+    ids=["no name", "unknown", "twice", "too few", "too many", "infinite", "force and motion"],
+)
+def test_what_cannot_be_followed_is_refused_whole_counted_and_told(data, text):
+    loop = Loop(make())
+    send(loop, "slide", effort=(1.5,))
+    with pytest.raises(joint_command.CommandError, match=text):
+        read(data)
+    assert loop.answering.inputs[COMMAND].receive(data) is None
+    assert (loop.answering.health.commands, loop.answering.health.refused) == (1, 1)
+    loop.step()
+    assert loop.answering.out[layout.FORCE_ACTUATION] == 1.5  # as before
+    (samples, *_) = reported(Monitor("c"), loop.answering, Recorder(), Links())
+    assert "a command cannot be followed: " in samples.message
+    assert {pair.key: pair.value for pair in samples.values}["commands refused"] == "1"
+
+
+def test_what_is_no_message_is_undecodable():
+    loop = Loop(make())
+    assert loop.answering.inputs[COMMAND].receive(command("slide")[:20]) is None
+    assert loop.answering.health.undecodable == 1
+
+
+def test_a_command_acts_from_the_next_sample_on_as_the_connector_is_told():
+    """Between the messages of a sample it acts on that sample: the answer is made at its last."""
+    scene = make(friction__coefficient=0.2)
+    loop, connector = Loop(scene), Connector(scene)
+    sent = {
+        2: ("slide", {"effort": (4.0,)}, (NAN, NAN, 4.0)),
+        4: ("slide", {"position": (0.004,), "velocity": (0.1,)}, (0.004, 0.1, NAN)),
+        7: ("spin", {"velocity": (1.0,)}, (NAN, 1.0, NAN)),
+        9: ("slide", {}, (NAN, NAN, NAN)),
+    }
+    for k in range(12):
+        if k in sent:
+            name, _, imposed = sent[k]
+            connector.impose(name, *imposed)
+        answer = None
+        for name, data in loop.exchange.messages(loop.plant.time_ns, loop.plant.state):
+            answer = loop.answering.inputs[name].receive(data)
+            if k in sent and name == "body_a/pose":
+                send(loop, sent[k][0], **sent[k][1])
+        out = connector.step(np.concatenate([loop.plant.state, loop.plant.loads]))
+        assert answer is not None
+        assert cdr_decoder.read_wrench(answer.wrench_b).values == tuple(
+            out[layout.FORCE_B : layout.FORCE_B + 6]
+        )
+        loop.plant.step(out[layout.FORCE_A : layout.FORCE_B], out[layout.FORCE_B : layout.STATE0])
+    assert out[layout.MOMENT_REACTION] != 0.0
+    assert out[layout.FORCE_REACTION] == 0.0
+
+
+def test_a_repeated_sample_gets_the_same_answer_whatever_was_commanded_since():
+    loop = Loop(make())
+    first = loop.sample()
+    send(loop, "slide", effort=(4.0,))
+    assert loop.sample() == first
+
+
+def test_a_command_holds_over_a_change_of_parameters_a_reset_and_a_restart():
+    loop = Loop(make())
+    loop.step()
+    send(loop, "slide", "spin", position=(0.1, NAN), velocity=(0.5, NAN), effort=(NAN, 3.0))
+    for _ in range(5):
+        loop.step()
+    memory = loop.answering.connector.memory
+    loop.answering = Answering(make(friction__coefficient=0.3), loop.answering)
+    assert np.array_equal(loop.answering.connector.memory, memory, equal_nan=True)  # the ramp, too
+    loop.step()
+    assert loop.answering.out[layout.MOMENT_ACTUATION] == 3.0
+    assert loop.answering.out[layout.FORCE_REACTION] != 0.0
+    loop.answering.reset()
+    loop.step()
+    assert loop.answering.out[layout.MOMENT_ACTUATION] == 3.0
+    loop.answering.release()
+    loop.step()
+    assert loop.answering.out[layout.MOMENT_ACTUATION] == 0.0
+
+
+def test_the_parameter_does_the_same_and_the_newest_word_counts():
+    loop = Loop(make())
+    for _ in range(3):
+        loop.step()
+    send(loop, "spin", effort=(3.0,))
+    send(loop, "slide", effort=(1.0,))
+    loop.answering = Answering(make(command__slide__force=2.0), loop.answering)
+    assert loop.answering.continues
+    loop.step()
+    assert loop.answering.out[layout.DISPLACEMENT] > 0.0  # the history goes on
+    assert loop.answering.out[layout.FORCE_ACTUATION] == 2.0  # the parameter changed
+    assert loop.answering.out[layout.MOMENT_ACTUATION] == 3.0  # this one did not
+    send(loop, "slide")
+    loop.step()
+    assert loop.answering.out[layout.FORCE_ACTUATION] == 0.0
+
+
+def test_a_changed_position_begins_there_and_not_where_the_last_motion_has_got_to():
+    def scene(position: float) -> Scene:
+        motion = {"command__slide__position": position, "command__slide__velocity": 0.5}
+        return make(reference__pull_in_speed=10.0, **motion)
+
+    loop = Loop(scene(0.0))
+    for _ in range(20):
+        loop.step()
+    assert loop.answering.out[layout.LENGTH] == pytest.approx(0.5 * 0.019, abs=1e-4)
+    loop.answering = Answering(scene(0.02), loop.answering)
+    for _ in range(21):
+        loop.step()
+    assert loop.answering.out[layout.LENGTH] == pytest.approx(0.02 + 0.5 * 0.020, abs=1e-4)
+
+
+def test_the_scene_in_force_gives_the_same_answers_from_the_start():
+    """What a recording that begins later holds, in the place of the command it has missed."""
+    loop = Loop(make(friction__coefficient=0.2))
+    send(loop, "slide", position=(0.01,), velocity=(0.2,))
+    again = Loop(loop.answering.scene_in_force)
+    for _ in range(5):
+        assert loop.step().wrench_b == again.step().wrench_b
+    assert again.answering.scene.command.slide.position == 0.01
+
+
+def test_stops_and_locks_are_told():
+    stopping = {"l_max": 0.001, "restitution": 0.5}
+    loop = Loop(make(stops=stopping, lock={"component": "spin", "position": 0.004}))
+    monitor, seen = Monitor("c"), set()
+    messages = []
+    for _ in range(8):
+        loop.step()
+        seen.add((int(loop.answering.out[layout.STOP]), int(loop.answering.out[layout.LOCK])))
+        status = reported(monitor, loop.answering, Recorder(), Links())[1]
+        messages.append((status.message, {pair.key: pair.value for pair in status.values}))
+    assert (2, 0) in seen or (2, 2) in seen
+    assert any("at stop: length max" in message for message, _ in messages)
+    message, values = messages[-1]
+    assert "locked: spin" in message
+    assert values["locked"] == "spin"
+    assert values["stops touched"] == "none"  # since the last look
+    assert values["imposed on slide"] == "free"
+    assert loop.plant.time_ns == 8 * MS
+
+
+def told(listener: Listener, name: str) -> str | None:
+    """What the newest diagnostics say about the solution."""
+    return listener.status("solution")[2].get(name)
+
+
+def told_so_far(listener: Listener, name: str) -> set[str]:
+    """What all diagnostics so far have said about the solution: an event is in one of them only."""
+    pairs = (
+        pair
+        for report in listener.diagnostics
+        for status in report.status
+        for pair in status.values
+    )
+    return {pair.value for pair in pairs if pair.key == name}
+
+
+def test_commands_arrive_and_a_recording_that_begins_later_knows_them(connector, peer, tmp_path):
+    with connector("timeout:=.inf", "record.directory:=kept"):
+        listener, source = Listener(peer), Source(peer)
+        publisher = peer.node.create_publisher(JointState, "/connector/command", 10)
+        listener.answer(source, 1 * MS)
+        peer.spin_until(publisher.get_subscription_count)
+        publisher.publish(JointState(name=["spin", "slide"], effort=[0.5, 4.0]))
+        peer.spin_until(lambda: told(listener, "imposed on slide") == "force 4")
+        listener.clear()
+        listener.answer(source, 2 * MS)
+        peer.spin_until(lambda: listener.states)
+        state = listener.states[-1]
+        assert (state.force_actuation, state.moment_actuation) == (4.0, 0.5)
+        publisher.publish(JointState(name=["tilt"], effort=[1.0]))
+        listener.wait_for_status("samples", "a command cannot be followed: name = 'tilt'")
+        assert peer.call(Trigger, "/connector/reset").success
+        assert peer.call(Trigger, "/connector/start_recording").success
+        for k in range(3, 6):
+            listener.answer(source, k * MS)
+        publisher.publish(JointState(name=["slide"], velocity=[0.2]))
+        peer.spin_until(lambda: told(listener, "imposed on slide") == "velocity 0.2")
+        for k in range(6, 9):
+            listener.answer(source, k * MS)
+        assert listener.states[-1].force_reaction != 0.0
+        assert listener.states[-1].moment_actuation == 0.5  # not named: as it was
+        assert peer.call(Trigger, "/connector/stop_recording").success
+    run = read_run(next((tmp_path / "kept").iterdir()))
+    assert len(list(run.raw("/connector/command"))) == 1
+    (tmp_path / "scene.yaml").write_text(run.metadata["parameters"])
+    assert_replayed(run, load(tmp_path / "scene.yaml"))
+
+
+def test_the_parameter_commands_as_well(connector, peer):
+    with connector("timeout:=.inf"):
+        listener, source = Listener(peer), Source(peer)
+        listener.answer(source, 1 * MS)
+        force = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=3.0)
+        request = SetParameters.Request(
+            parameters=[Parameter(name="command.slide.force", value=force)]
+        )
+        assert peer.call(SetParameters, "/connector/set_parameters", request).results[0].successful
+        listener.clear()
+        listener.answer(source, 2 * MS, position=(0.001, 0.0, 0.0))
+        peer.spin_until(lambda: listener.states)
+        assert listener.states[-1].force_actuation == 3.0
+        assert listener.states[-1].displacement == pytest.approx(0.001)  # the history goes on
+
+
+def test_stops_and_locks_arrive_and_are_diagnosed(connector, peer):
+    rules = ["stops.l_min:=0.05", "stops.restitution:=0.5"]
+    rules += ["lock.component:=slide", "lock.position:=0.2", "timeout:=.inf"]
+    with connector(*rules):
+        listener, source = Listener(peer), Source(peer)
+        listener.answer(source, 1 * MS, position=(0.051, 0.0, 0.0), velocity=(-1.0, 0.0, 0.0))
+        peer.spin_until(lambda: listener.states)
+        state = listener.states[-1]
+        assert (state.stop, state.lock) == (ConnectorState.LENGTH_MIN, ConnectorState.UNLOCKED)
+        assert state.restitution == pytest.approx(0.5)
+        assert state.force_reaction > 0.0
+        peer.spin_until(lambda: "length min" in told_so_far(listener, "stops touched"))
+        assert peer.call(Trigger, "/connector/reset").success
+        listener.clear()
+        listener.answer(source, 2 * MS, position=(0.1999, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
+        peer.spin_until(lambda: listener.states)
+        assert listener.states[-1].lock == ConnectorState.LENGTH_LOCKED
+        assert listener.states[-1].stop == ConnectorState.NO_STOP
+        peer.spin_until(lambda: told(listener, "locked") == "slide")
+        assert "locked: slide" in listener.status("solution")[1]
