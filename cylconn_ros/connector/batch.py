@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import model
-from cylconn_ros.core.jit import entry, jit
+from cylconn_ros.core.jit import device_function, kernel
 from cylconn_ros.methods.dispatch import step
 
 Array = NDArray[np.float64]
 
 
-@jit
+@device_function
 def answer(
     method: int,
     par: Array,
@@ -31,7 +31,7 @@ def answer(
     step(method, par, mem, sample, period if period != 0.0 else h, out)
 
 
-@entry
+@kernel
 def run(
     method: int,
     par: Array,

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 
 NO_LOAD: Final = 0
 IN_WORLD: Final = 1
@@ -41,7 +41,7 @@ def into_world_all(poses: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         )
 
 
-@jit
+@device_function
 def hold_load(body: int, loads: Any, axes: Any, sample: Any) -> None:
     """Write a body's load in force to a sample (NSAMPLE,).
 
@@ -62,7 +62,7 @@ def hold_load(body: int, loads: Any, axes: Any, sample: Any) -> None:
             )
 
 
-@jit
+@device_function
 def turn_twist(body: int, sample: Any) -> None:
     """Turn a body's twist in a sample (NSAMPLE,) from its axes into the world's."""
     at = layout.A_TWIST if body == 0 else layout.B_TWIST
@@ -75,14 +75,14 @@ def turn_twist(body: int, sample: Any) -> None:
         )
 
 
-@jit
+@device_function
 def _scale(x: float, y: float, z: float, w: float) -> float:
     """Two over the square of a quaternion; NaN where it has no direction."""
     square = x * x + y * y + z * z + w * w
     return 2.0 / square if 0.0 < square < math.inf else math.nan
 
 
-@jit
+@device_function
 def _turned(x: Any, y: Any, z: Any, w: Any, s: Any, a: Any, b: Any, c: Any) -> tuple[Any, Any, Any]:
     """Turn (a, b, c) with numbers or arrays alike; ``s``: two over the quaternion's square."""
     xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import aligned
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import (
@@ -31,7 +31,7 @@ class Inertia(NamedTuple):
     mm: Symmetric
 
 
-@inline
+@inline_function
 def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> Inertia:
     """What a unit wrench at node b does to the velocity there, one body, axes of a."""
     zero = (0.0, 0.0, 0.0)
@@ -53,7 +53,7 @@ def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> I
     return Inertia(ff, fm, j)
 
 
-@inline
+@inline_function
 def of_both(a: Inertia, b: Inertia) -> Inertia:
     """What opposite wrenches on both bodies do to the relative velocity."""
     x, y = a.ff, b.ff
@@ -65,7 +65,7 @@ def of_both(a: Inertia, b: Inertia) -> Inertia:
     )
 
 
-@inline
+@inline_function
 def swung(g: Inertia, swing: Quaternion) -> Inertia:
     """G with moments and spins counted in N = E S instead of E."""
     if aligned(swing):

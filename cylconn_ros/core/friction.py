@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Contact(NamedTuple):
     normal: float  # FN
 
 
-@inline
+@inline_function
 def contact(law: Law, reaction: Four) -> Contact:
     """Contact forces of the constraint reactions (f2, f3, m2, m3)."""
     f2, f3, m2, m3 = reaction
@@ -60,7 +60,7 @@ def contact(law: Law, reaction: Four) -> Contact:
     return Contact(radial, moment, bending, abs(radial + bending + law.preload))
 
 
-@inline
+@inline_function
 def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
     """Mu at a slip rate |s| (m/s) and a contact force (N)."""
     if law.rates > 0:
@@ -70,19 +70,19 @@ def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
     return law.kinetic + (law.static - law.kinetic) * math.exp(-law.decay * rate)
 
 
-@inline
+@inline_function
 def last_force(law: Law, par: Array) -> float:
     """The contact force from which on a table no longer depends on it."""
     return float(par[law.table + law.rates + law.forces - 1])
 
 
-@inline
+@inline_function
 def limit(law: Law, par: Array, rate: float, force: float) -> float:
     """The greatest traction P (N) at a slip rate |s| and a contact force FN."""
     return min(law.cap, coefficient(law, par, rate, force) * force)
 
 
-@jit
+@device_function
 def _place(par: Array, first: int, n: int, x: float) -> tuple[int, float]:
     """The interval of an ascending table and the fraction within it; constant beyond its ends."""
     if n == 1 or x <= par[first]:
@@ -94,7 +94,7 @@ def _place(par: Array, first: int, n: int, x: float) -> tuple[int, float]:
     return i, min(t, 1.0)
 
 
-@jit
+@device_function
 def _interpolated(law: Law, par: Array, rate: float, force: float) -> float:
     """Bilinear in the table: rates, then forces, then the values row by row (a row is a rate)."""
     i, t = _place(par, law.table, law.rates, rate)

@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core.friction import Array, Law, coefficient, contact
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
 from cylconn_ros.core.slip_curve import (
     Curve,
@@ -35,7 +35,7 @@ class Solution(NamedTuple):
     flags: int
 
 
-@inline
+@inline_function
 def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
     """The solution that the selection rule names."""
     end = curve_of(d, 1.0)
@@ -62,7 +62,7 @@ def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
     return _stick(law, par, d, end)
 
 
-@inline
+@inline_function
 def solve_otherwise(law: Law, par: Array, d: Disc, slides: bool) -> Solution:
     """The solution nearest to stick, or that of least traction, after stick too; theta = 1."""
     end = curve_of(d, 1.0)
@@ -78,7 +78,7 @@ def solve_otherwise(law: Law, par: Array, d: Disc, slides: bool) -> Solution:
     return Solution(phi, s_end, s_mean, SLIP, SEVERAL_ROOTS if excess >= 0.0 else 0)
 
 
-@inline
+@inline_function
 def _slip(d: Disc, c: Curve, theta: float, r: float) -> tuple[Two, Two, Two]:
     """phi, s+ and s~ of the root r."""
     phi = phi_at(d, c, r) if r < math.inf else (0.0, 0.0)
@@ -93,7 +93,7 @@ def _slip(d: Disc, c: Curve, theta: float, r: float) -> tuple[Two, Two, Two]:
     return phi, s_end, s_mean
 
 
-@inline
+@inline_function
 def _stick(law: Law, par: Array, d: Disc, end: Curve) -> Solution:
     """s+ = 0, JAMMED where friction has no finite solution."""
     flags = 0

@@ -1,17 +1,17 @@
-"""One source, compiled where numba is installed and run as it is where it is not.
+"""Kernels and device functions: one source, compiled by numba where it is installed.
 
-``entry`` marks the functions by which the physics is entered from outside, ``jit`` those within it,
-and ``inline`` the small ones among these, which are copied to where they are used: their tuples
-then stay in registers. All are written with scalars and tuples only, which numba compiles to
-machine code and plain Python runs at a useful speed. Arrays come in through entries and are read
-and written number by number.
+``kernel`` marks the functions that Python calls, ``device_function`` those that kernels call, and
+``inline_function`` the small ones among these, which are copied into their callers so that their
+tuples stay in registers. All are written with scalars and tuples only, which numba compiles to
+machine code and plain Python runs at a useful speed. Arrays enter through kernels and are read and
+written number by number.
 
-An entry is compiled at its first call, with everything that it calls. Only entries are compiled for
-callers from Python; the others, called from there, run as they are.
+A kernel is compiled at its first call, with everything that it calls. Only kernels are compiled for
+callers from Python; a device function called from Python runs uncompiled.
 
-Compiled code is cached per state of the sources: numba checks only the file a function stands in,
-not those of the functions it calls, so the cache directory carries a digest of all of them. It lies
-where an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_HOME/cylconn_ros``,
+Compiled code is cached per state of the sources: numba checks only the file of the kernel itself,
+not the files of the functions it calls, so the cache directory carries a digest of those. The cache
+is where an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_HOME/cylconn_ros``,
 else ``~/.cache/cylconn_ros``, else the directory for temporary files.
 """
 
@@ -44,15 +44,15 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def digested(package: Path) -> list[Path]:
-    """Sources whose change makes compiled code stale although the entry's own file is the same.
+    """Sources whose change makes compiled code stale although the kernel's own file is the same.
 
-    They are the modules that define device functions (``jit`` or ``inline``), whose code becomes
-    part of entries in other files, and the modules that these import, whose constants do.
+    They are the modules that define device functions (``device_function``, ``inline_function``), whose code becomes
+    part of kernels in other files, and the modules that these import, whose constants do.
     """
     found = set()
     for source in package.rglob("*.py"):
         imports = dict(_IMPORT.findall(source.read_bytes()))
-        if not re.search(rb"\b(jit|inline)\b", imports.get(b"core.jit", b"")):
+        if not re.search(rb"\b(device_function|inline_function)\b", imports.get(b"core.jit", b"")):
             continue
         found.add(source)
         for module, names in imports.items():
@@ -91,17 +91,17 @@ if COMPILED:
     # No contraction of a b + c: a fifth faster, but its roundings hang on what is inlined where, so
     # that two compilations of one source would part in their last digits.
 
-    def jit(function: Function) -> Function:
-        """Compile ``function`` for the entries that call it."""
+    def device_function(function: Function) -> Function:
+        """Compile ``function`` for the kernels that call it."""
         inner: Function = register_jitable(forceinline=False, no_cfunc_wrapper=True)(function)
         return inner
 
-    def inline(function: Function) -> Function:
-        """Compile ``function`` into everything that calls it: for what is small."""
+    def inline_function(function: Function) -> Function:
+        """Compile ``function`` into each of its callers: for small functions."""
         inner: Function = register_jitable(forceinline=True, no_cfunc_wrapper=True)(function)
         return inner
 
-    def _entry(function: Function, allocates: bool) -> Function:
+    def _kernel(function: Function, allocates: bool) -> Function:
         theirs = numba.config.CACHE_DIR  # ours only: another package's cache stays where it was
         numba.config.CACHE_DIR = _DIRECTORY or theirs
         options = {"cache": True, "error_model": "numpy", "_nrt": allocates}  # 1/0 is inf, as in C
@@ -111,17 +111,17 @@ if COMPILED:
             numba.config.CACHE_DIR = theirs
         return compiled
 
-    def entry(function: Function) -> Function:
+    def kernel(function: Function) -> Function:
         """Compile ``function`` at its first call, or load it from the cache.
 
-        It must not make arrays: numba's runtime is left out, which would count references to every
-        array at every call.
+        It must not allocate arrays: numba's runtime, which would count references to every
+        array at every call, is left out.
         """
-        return _entry(function, allocates=False)
+        return _kernel(function, allocates=False)
 
-    def entry_that_allocates(function: Function) -> Function:
-        """Compile an entry that makes arrays."""
-        return _entry(function, allocates=True)
+    def allocating_kernel(function: Function) -> Function:
+        """Compile a kernel that allocates arrays."""
+        return _kernel(function, allocates=True)
 
     @intrinsic
     def call(
@@ -142,40 +142,40 @@ if COMPILED:
         return whole(whole, whole, whole, whole, whole), generate
 
     def is_ready(function: Callable[..., Any]) -> bool:
-        """Whether an entry runs at once: compiled before, by this program or an earlier one."""
+        """Whether a kernel runs without compiling first: loaded already, or in the cache."""
         index = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
         return bool(getattr(function, "signatures", ())) or any(Path(_DIRECTORY).rglob(index))
 else:
 
-    def jit(function: Function) -> Function:
+    def device_function(function: Function) -> Function:
         """Leave ``function`` as it is: no compiler is installed."""
         return function
 
-    inline = jit
+    inline_function = device_function
 
     def _numbers(argument: Any) -> Any:
         vector = isinstance(argument, np.ndarray) and argument.ndim == 1
         return argument.data if vector else argument
 
-    def entry(function: Function) -> Function:
-        """Lend ``function`` its vectors as memoryviews: their elements are Python's own floats.
+    def kernel(function: Function) -> Function:
+        """Pass vectors to ``function`` as memoryviews, whose elements are Python floats.
 
-        NumPy's, which an array would give, take several times as long in every operation. Arrays of
-        more dimensions are passed on, for their rows to be lent by the entry that gets them.
+        NumPy floats, the elements of an array, take several times as long in every operation.
+        Arrays of more dimensions are passed on; the kernel that gets their rows converts these.
         """
 
         @functools.wraps(function)
-        def lent(*arguments: Any) -> Any:
+        def with_memoryviews(*arguments: Any) -> Any:
             return function(*[_numbers(a) for a in arguments])
 
-        return lent  # type: ignore[return-value]
+        return with_memoryviews  # type: ignore[return-value]
 
-    entry_that_allocates = entry
+    allocating_kernel = kernel
 
     def call(address: int, first: int, second: int, third: int, fourth: int) -> int:
         """Nothing can be called by its address without a compiler."""
         raise RuntimeError("numba is missing: nothing can be called by its address")
 
     def is_ready(function: Callable[..., Any]) -> bool:
-        """Whether an entry runs at once: always, as nothing is compiled."""
+        """Whether a kernel runs without compiling first: always, as nothing is compiled."""
         return True

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.latency import share_removed
 
 Two = tuple[float, float]
@@ -46,14 +46,14 @@ class Held(NamedTuple):
     q2: Two
 
 
-@inline
+@inline_function
 def _least_rate(gap: float, w: float, h: float, pull: float, explicit: bool) -> float:
     """The contact target t."""
     rise = min(-gap / h, pull)
     return rise if explicit else rise - 0.5 * w
 
 
-@inline
+@inline_function
 def _bounce(gap: float, w: float, h: float, eps: float, explicit: bool) -> float:
     """The target of an impact's first step."""
     if explicit:
@@ -62,12 +62,12 @@ def _bounce(gap: float, w: float, h: float, eps: float, explicit: bool) -> float
     return w * (time - 0.5 - eps * (1.5 - time))
 
 
-@inline
+@inline_function
 def _impacts(gap: float, w: float, h: float, explicit: bool) -> bool:
     return w < 0.0 and gap + (1.0 if explicit else 1.5) * h * w < 0.0
 
 
-@inline
+@inline_function
 def _held_rate(
     par: Array, mem: Array, x: float, w: float, at: float, rate: float, h: float, k: int
 ) -> float:
@@ -78,7 +78,7 @@ def _held_rate(
     return rate + back - (0.0 if explicit else 0.5 * (w - rate))
 
 
-@jit
+@device_function
 def bounds(
     par: Array, mem: Array, k: int, x: float, w: float, h: float, eps: float, locked: bool
 ) -> Bounds:
@@ -115,34 +115,34 @@ def bounds(
     return Bounds(low, high, impact)
 
 
-@inline
+@inline_function
 def imposed(par: Array, k: int) -> bool:
     """Whether a motion is imposed on component k."""
     at = model.COMMAND + 3 * k
     return not (math.isnan(par[at]) and math.isnan(par[at + 1]))
 
 
-@inline
+@inline_function
 def imposed_force(par: Array, k: int) -> float:
     """The force or moment imposed on component k."""
     return model.given(par[model.COMMAND + 3 * k + 2], 0.0)
 
 
-@inline
+@inline_function
 def start_imposed(par: Array, mem: Array, k: int, x: float) -> None:
     """An imposed motion starts from its commanded position, or from where the component is."""
     if math.isnan(mem[model.IMPOSED_AT + k]) or mem[model.LAST_PERIOD] == 0.0:
         mem[model.IMPOSED_AT + k] = model.given(par[model.COMMAND + 3 * k], x)
 
 
-@inline
+@inline_function
 def advance_imposed(par: Array, mem: Array, h: float) -> None:
     """Imposed motions go on with their velocities."""
     for k in range(2):
         mem[model.IMPOSED_AT + k] += h * model.given(par[model.COMMAND + 3 * k + 1], 0.0)
 
 
-@jit
+@device_function
 def locks(par: Array, mem: Array, x: float, w: float, h: float) -> bool:
     """Whether the lock is closed; closes it where its criterion is met.
 
@@ -169,7 +169,7 @@ def locks(par: Array, mem: Array, x: float, w: float, h: float) -> bool:
     return False
 
 
-@inline
+@inline_function
 def hold(free: Two, s: tuple[float, float, float], sides: tuple[int, int], t: Two) -> Held:
     """Eliminate the components whose side is not 0: their rate at the end is t."""
     s11, s12, s22 = s

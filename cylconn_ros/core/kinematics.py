@@ -11,7 +11,7 @@ the axes N = E S (E those of a, whose first is e1a; N's first is e1b). Aligned, 
 import math
 from typing import NamedTuple
 
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.vectors import (
     Matrix,
@@ -66,13 +66,13 @@ class Angles(NamedTuple):
     half_turn: bool  # misaligned by exactly pi: the swing axis is a choice
 
 
-@inline
+@inline_function
 def aligned(swing: Quaternion) -> bool:
     """Whether the held swing is none, so that N is E."""
     return swing[3] == 1.0
 
 
-@inline
+@inline_function
 def swing_of(misalignment_2: float, misalignment_3: float) -> Quaternion:
     """S, which takes e1a to e1b, of the misalignment, the rotation vector from e1b to e1a."""
     size = math.sqrt(misalignment_2 * misalignment_2 + misalignment_3 * misalignment_3)
@@ -83,7 +83,7 @@ def swing_of(misalignment_2: float, misalignment_3: float) -> Quaternion:
     return (0.0, s * misalignment_2, s * misalignment_3, w)
 
 
-@inline
+@inline_function
 def frame(nodes: Nodes, a: Motion, b: Motion) -> Frame:
     """The connector's geometry for two bodies, each given at its mass centre."""
     axes_a = matrix(a.orientation)
@@ -94,20 +94,20 @@ def frame(nodes: Nodes, a: Motion, b: Motion) -> Frame:
     return Frame(axes, nodes.swing, d, arm_a, arm_b)
 
 
-@inline
+@inline_function
 def into_swung(f: Frame, a: Vector) -> Vector:
     """N^T a: from world axes."""
     inner = into(f.axes, a)
     return inner if aligned(f.swing) else into(matrix(f.swing), inner)
 
 
-@inline
+@inline_function
 def out_of_swung(f: Frame, a: Vector) -> Vector:
     """N a: to world axes."""
     return out_of(f.axes, a if aligned(f.swing) else out_of(matrix(f.swing), a))
 
 
-@inline
+@inline_function
 def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
     """J v: the rates of (l, y, z) are exactly v; those of the angles are w where S is the swing.
 
@@ -118,7 +118,7 @@ def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
     return Twist(into(f.axes, sub(vb, va)), into_swung(f, sub(b.spin, a.spin)))
 
 
-@inline
+@inline_function
 def angles(q: Quaternion) -> Angles:
     """Swing-twist split of q, the orientation of b in the axes of a."""
     x, y, z, w = q
@@ -140,13 +140,13 @@ def angles(q: Quaternion) -> Angles:
     return Angles(angle, m2, m3, half_turn)
 
 
-@inline
+@inline_function
 def orientation_in(a: Quaternion, b: Quaternion) -> Quaternion:
     """The orientation b seen from a."""
     return multiply(conjugate(a), b)
 
 
-@inline
+@inline_function
 def unwrapped(angle: float, predicted: float) -> tuple[float, bool]:
     """The angle with the whole turns nearest to ``predicted``, and whether that is unsure."""
     turns = math.floor((predicted - angle) / (2.0 * math.pi) + 0.5)

@@ -20,7 +20,7 @@ import math
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.layout import MOST_LATE
 from cylconn_ros.core.passivity import count, jumped, release
 from cylconn_ros.core.plant import advanced, motion_of
@@ -34,20 +34,20 @@ UNEVENNESS = 5.0  # times the share by which a period is off: from a fifth on it
 LEAST_MISFIT = 1e-18  # of a force over the weight of its history, squared: below it is rounding
 
 
-@inline
+@inline_function
 def is_late(par: Array) -> bool:
     """Whether wrenches act later than at their sample."""
     return par[model.LATENCY] != 0.0
 
 
-@inline
+@inline_function
 def periods_late(par: Array, mem: Array) -> int:
     """How many periods after its sample a wrench acts: given, or measured so far."""
     given = int(par[model.LATENCY])
     return given if given >= 0 else int(mem[model.LATE])
 
 
-@inline
+@inline_function
 def share_removed(par: Array, mem: Array) -> float:
     """Of an error of position, what one wrench is to remove."""
     if not is_late(par):
@@ -55,7 +55,7 @@ def share_removed(par: Array, mem: Array) -> float:
     return 1.0 / (1.0 + periods_late(par, mem) * mem[model.UNEVEN])
 
 
-@inline
+@inline_function
 def remember_sent(mem: Array, acted: bool) -> None:
     """Put the answer's wrench in front of those sent before; zero where nothing was sent."""
     for k in range(12 * MOST_LATE - 1, -1, -1):
@@ -65,7 +65,7 @@ def remember_sent(mem: Array, acted: bool) -> None:
         mem[model.SENT + 6 + k] = mem[model.LAST_B + k] if acted else 0.0
 
 
-@jit
+@device_function
 def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None:
     """Write the sample as it will be when its wrench acts into ``mem`` at AHEAD.
 
@@ -114,13 +114,13 @@ def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None
             advanced(par, body, here, pose, force, torque, here, layout.A_LOAD + 6 * k, h)
 
 
-@inline
+@inline_function
 def _acted(mem: Array, late: int, j: int) -> int:
     """Where in ``mem`` the wrenches stand that acted ``j`` periods before the last one."""
     return model.SENT + 12 * min(late + j, MOST_LATE)
 
 
-@inline
+@inline_function
 def _fits(par: Array, mem: Array, here: Array, k: int, body: Body, gone: int, dt: float) -> None:
     """Add to every latency's misfit how badly it explains the change of velocity of body k.
 
@@ -139,7 +139,7 @@ def _fits(par: Array, mem: Array, here: Array, k: int, body: Body, gone: int, dt
         mem[model.MISFIT + d] += dot(apart, apart)
 
 
-@inline
+@inline_function
 def _measure(
     par: Array, mem: Array, here: Array, body_a: Body, body_b: Body, gone: int, dt: float
 ) -> None:
@@ -164,7 +164,7 @@ def _measure(
         release(mem)
 
 
-@jit
+@device_function
 def _work(
     par: Array, mem: Array, here: Array, body: Body, k: int, gone: int, dt: float
 ) -> tuple[float, bool]:

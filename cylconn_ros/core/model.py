@@ -9,7 +9,7 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core.friction import Array, Law
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Nodes
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import Quaternion, Vector
@@ -102,25 +102,25 @@ class Output(NamedTuple):
     torque_limit: float
 
 
-@inline
+@inline_function
 def vector(a: Array, at: int) -> Vector:
     """Three numbers of ``a``."""
     return (a[at], a[at + 1], a[at + 2])
 
 
-@inline
+@inline_function
 def quaternion(a: Array, at: int) -> Quaternion:
     """Four numbers of ``a``."""
     return (a[at], a[at + 1], a[at + 2], a[at + 3])
 
 
-@inline
+@inline_function
 def put(a: Array, at: int, v: Vector) -> None:
     """Write three numbers."""
     a[at], a[at + 1], a[at + 2] = v
 
 
-@inline
+@inline_function
 def body(par: Array, at: int) -> Body:
     """The body at BODY_A or BODY_B."""
     return Body(
@@ -133,13 +133,13 @@ def body(par: Array, at: int) -> Body:
     )
 
 
-@inline
+@inline_function
 def nodes(par: Array, swing: Quaternion) -> Nodes:
     """Where the end points are, and the swing that is held."""
     return Nodes(vector(par, NODE_A), quaternion(par, NODE_A + 3), vector(par, NODE_B), swing)
 
 
-@inline
+@inline_function
 def law(par: Array) -> Law:
     """The law of friction."""
     at = FRICTION
@@ -160,7 +160,7 @@ def law(par: Array) -> Law:
     )
 
 
-@inline
+@inline_function
 def output(par: Array) -> Output:
     """How wrenches leave the connector."""
     at = OUTPUT
@@ -174,7 +174,7 @@ def output(par: Array) -> Output:
     )
 
 
-@inline
+@inline_function
 def given(x: float, otherwise: float) -> float:
     """x, or what stands in for it where it is not set (NaN)."""
     return otherwise if math.isnan(x) else x

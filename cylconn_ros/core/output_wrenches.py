@@ -3,7 +3,7 @@
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, Contact
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Frame, out_of_swung
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import (
@@ -19,14 +19,14 @@ from cylconn_ros.core.vectors import (
 )
 
 
-@inline
+@inline_function
 def write_forces(out: Array, f: Vector, m: Vector) -> None:
     """The connector wrench on B at node b: the force in the axes of a, the moment in N."""
     model.put(out, out_at.FORCE, f)
     model.put(out, out_at.MOMENT, m)
 
 
-@inline
+@inline_function
 def write_contact(out: Array, c: Contact, mu: float, limit: float, traction: float) -> None:
     """The contact and what friction makes of it."""
     out[out_at.RADIAL_FORCE] = c.radial
@@ -38,7 +38,7 @@ def write_contact(out: Array, c: Contact, mu: float, limit: float, traction: flo
     out[out_at.TRACTION] = traction
 
 
-@inline
+@inline_function
 def write_wrenches(
     par: Array,
     mem: Array,
@@ -88,7 +88,7 @@ def write_wrenches(
     return flags
 
 
-@inline
+@inline_function
 def _publish(
     o: model.Output,
     out: Array,

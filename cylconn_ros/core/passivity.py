@@ -10,13 +10,13 @@ What sticks is held where it is from then on.
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.vectors import Vector, dot
 
 UNEXPLAINED = 0.08  # share of the motion's square, seen and told, by which they may differ
 
 
-@inline
+@inline_function
 def jumped(par: Array, moved: Vector, told: Vector, apart: float, h: float) -> bool:
     """Whether a motion ``moved`` over h, of which ``told`` is what twists say, is none.
 
@@ -27,14 +27,14 @@ def jumped(par: Array, moved: Vector, told: Vector, apart: float, h: float) -> b
     return apart > UNEXPLAINED * (dot(moved, moved) + dot(told, told)) + least * least
 
 
-@inline
+@inline_function
 def count(mem: Array, work: float) -> None:
     """Add the work of one wrench on one body."""
     mem[model.WORK] += work
     mem[model.EXCHANGED] += abs(work)
 
 
-@inline
+@inline_function
 def release(mem: Array) -> None:
     """Let what sticks hold the place where it is from now on."""
     mem[model.STUCK] = min(mem[model.STUCK], 1.0)

@@ -2,7 +2,7 @@
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry, inline, jit
+from cylconn_ros.core.jit import device_function, inline_function, kernel
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration, at_com, exact_step
 from cylconn_ros.core.vectors import (
     Vector,
@@ -21,7 +21,7 @@ from cylconn_ros.core.vectors import (
 )
 
 
-@entry
+@kernel
 def step(
     par: Array, state: Array, wrench_a: Array, wrench_b: Array, loads: Array, h: float
 ) -> None:
@@ -35,7 +35,7 @@ def step(
     _advance(par, body_b, state, layout.B_POSE, wrench_b, loads, 6, h)
 
 
-@inline
+@inline_function
 def motion_of(body: Body, state: Array, at: int) -> Motion:
     """A body's motion at its mass centre, from its pose and twist in ``state``."""
     return at_com(
@@ -47,7 +47,7 @@ def motion_of(body: Body, state: Array, at: int) -> Motion:
     )
 
 
-@jit
+@device_function
 def _advance(
     par: Array, body: Body, state: Array, at: int, wrench: Array, loads: Array, load: int, h: float
 ) -> None:
@@ -63,7 +63,7 @@ def _advance(
     advanced(par, body, state, at, force, torque, loads, load, h)
 
 
-@jit
+@device_function
 def advanced(
     par: Array,
     body: Body,
@@ -100,7 +100,7 @@ def advanced(
     model.put(state, at + 10, m.spin)
 
 
-@jit
+@device_function
 def _semi_implicit_step(body: Body, m: Motion, force: Vector, torque: Vector, h: float) -> Motion:
     """Velocities first, positions with them: first order, as many simulators do."""
     velocity = add_scaled(m.velocity, h * body.inverse_mass, force)
@@ -112,7 +112,7 @@ def _semi_implicit_step(body: Body, m: Motion, force: Vector, torque: Vector, h:
     )
 
 
-@jit
+@device_function
 def _turning_step(
     body: Body, m: Motion, weight: Vector, force: Vector, torque: Vector, h: float
 ) -> Motion:
@@ -128,7 +128,7 @@ def _turning_step(
     return m
 
 
-@entry
+@kernel
 def energy(par: Array, state: Array) -> float:
     """Kinetic and gravitational energy of both bodies, J."""
     total = 0.0
@@ -145,7 +145,7 @@ def energy(par: Array, state: Array) -> float:
     return total
 
 
-@entry
+@kernel
 def momentum(par: Array, state: Array) -> tuple[float, float, float, float, float, float]:
     """Linear momentum and angular momentum about the world's origin, world axes."""
     p, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

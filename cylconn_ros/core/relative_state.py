@@ -6,7 +6,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import (
     Frame,
     Nodes,
@@ -60,7 +60,7 @@ class Observed(NamedTuple):
     flags: int
 
 
-@inline
+@inline_function
 def status_of(sample: Array) -> int:
     """OK, or why the sample cannot be used."""
     for k in range(out_at.NSAMPLE):
@@ -75,7 +75,7 @@ def status_of(sample: Array) -> int:
     return out_at.OK
 
 
-@inline
+@inline_function
 def _motion(body: Body, sample: Array, pose: int, twist: int) -> Motion:
     return at_com(
         body,
@@ -86,7 +86,7 @@ def _motion(body: Body, sample: Array, pose: int, twist: int) -> Motion:
     )
 
 
-@inline
+@inline_function
 def _orientation(par: Array, mem: Array, a: Motion, b: Motion) -> Quaternion:
     """Node b's axes in node a's; the first sample fixes them in body B where they are not given."""
     axes_a = multiply(a.orientation, model.quaternion(par, model.NODE_A + 3))
@@ -100,7 +100,7 @@ def _orientation(par: Array, mem: Array, a: Motion, b: Motion) -> Quaternion:
     return orientation_in(axes_a, axes_b)
 
 
-@inline
+@inline_function
 def violation(mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Four:
     """The constraint's error in another place, once there is a reference configuration."""
     f = frame(nodes, a, b)
@@ -110,7 +110,7 @@ def violation(mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Four:
     return _error(mem, into(f.axes, f.d), swing)
 
 
-@inline
+@inline_function
 def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     """Measure the connector; write the kinematic part of ``out``; keep reference, turns and work.
 
@@ -169,7 +169,7 @@ def observe(par: Array, mem: Array, sample: Array, out: Array) -> Observed:
     return Observed(body_a, body_b, nodes, a, b, f, rates, position[0], angle, error, flags)
 
 
-@inline
+@inline_function
 def _follow(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> bool:
     """Look how mass centres follow velocities, and count the last wrench's work on their motion.
 
@@ -202,7 +202,7 @@ def _follow(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> bool:
     return exact > LEAST_MISFIT and other < 1e-2 * exact
 
 
-@inline
+@inline_function
 def _error(mem: Array, position: Vector, swing: Two) -> Four:
     """Offsets less their targets, and the swing from the held one."""
     return (
@@ -213,7 +213,7 @@ def _error(mem: Array, position: Vector, swing: Two) -> Four:
     )
 
 
-@inline
+@inline_function
 def _swung(nodes: Nodes, seen: Quaternion) -> tuple[float, Two, Two, bool]:
     """The angle, the swing from the held one (in N), the misalignment (axes of a), a half turn.
 
@@ -229,7 +229,7 @@ def _swung(nodes: Nodes, seen: Quaternion) -> tuple[float, Two, Two, bool]:
     return rest.angle, swing, (m2, m3), whole.half_turn
 
 
-@inline
+@inline_function
 def _hold_swing(par: Array, mem: Array, seen: Quaternion) -> None:
     """Keep the swing that is to be held, where one is: that of the first sample."""
     whole = angles(seen)
@@ -240,12 +240,12 @@ def _hold_swing(par: Array, mem: Array, seen: Quaternion) -> None:
         mem[model.SWING + k] = swing[k]
 
 
-@inline
+@inline_function
 def _sum(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@inline
+@inline_function
 def _start(par: Array, mem: Array, position: Vector, angle: float) -> None:
     """Take this sample as the reference configuration."""
     mem[model.STARTED] = 1.0
@@ -257,7 +257,7 @@ def _start(par: Array, mem: Array, position: Vector, angle: float) -> None:
     mem[model.SPRING0] = _spring_energy(par, mem, position[0], angle)
 
 
-@inline
+@inline_function
 def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float:
     """Energy in the springs on slide and spin, J."""
     u1 = length - model.given(par[model.REFERENCE + 2], mem[model.LENGTH0])
@@ -265,7 +265,7 @@ def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float
     return 0.5 * (par[model.ELASTICITY] * u1 * u1 + par[model.ELASTICITY + 1] * ur * ur)
 
 
-@inline
+@inline_function
 def _rebase(par: Array, mem: Array, length: float, angle: float) -> None:
     """Leave out of the account by what a jump has changed the springs' energy."""
     if mem[model.JUMPED] != 0.0:
@@ -274,14 +274,14 @@ def _rebase(par: Array, mem: Array, length: float, angle: float) -> None:
         mem[model.SPRING0] -= _spring_energy(par, mem, without[0], without[1])
 
 
-@inline
+@inline_function
 def _keep_place(mem: Array, m: Motion, at: int) -> None:
     """Keep mass centre and spin for the coming interval."""
     model.put(mem, at + 6, m.com)
     model.put(mem, at + 9, m.spin)
 
 
-@jit
+@device_function
 def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Array) -> None:
     """Write the kinematic part of ``out`` for a sample answered ``early`` seconds ahead."""
     nodes = model.nodes(par, model.quaternion(mem, model.SWING))
@@ -297,7 +297,7 @@ def write_measured(par: Array, mem: Array, sample: Array, early: float, out: Arr
     _write(par, mem, out, position, angle, misalignment, rates, error)
 
 
-@inline
+@inline_function
 def _write(
     par: Array,
     mem: Array,

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.vectors import (
     Matrix,
     Quaternion,
@@ -42,14 +42,14 @@ class Motion(NamedTuple):
     spin: Vector  # angular velocity
 
 
-@inline
+@inline_function
 def at_com(body: Body, position: Vector, orientation: Quaternion, v: Vector, w: Vector) -> Motion:
     """The motion of the mass centre, of a body whose frame's origin has ``position`` and ``v``."""
     arm = out_of(matrix(orientation), body.com)
     return Motion(add(position, arm), orientation, add(v, cross(w, arm)), w)
 
 
-@inline
+@inline_function
 def angular_acceleration(body: Body, orientation: Quaternion, w: Vector, torque: Vector) -> Vector:
     """I dw/dt = torque - w x I w, world axes."""
     axes: Matrix = matrix(orientation)
@@ -58,7 +58,7 @@ def angular_acceleration(body: Body, orientation: Quaternion, w: Vector, torque:
     return out_of(axes, times(body.inverse_inertia, momentum_rate))
 
 
-@jit
+@device_function
 def exact_step(body: Body, motion: Motion, force: Vector, torque: Vector, h: float) -> Motion:
     """The motion after h under a force and a torque about the mass centre, both held in world axes.
 
@@ -102,7 +102,7 @@ def exact_step(body: Body, motion: Motion, force: Vector, torque: Vector, h: flo
     )
 
 
-@inline
+@inline_function
 def rotation_vector_rate(u: Vector, w: Vector) -> Vector:
     """du/dt of the turn exp(u) at angular velocity w (world axes), to the fourth order in u.
 
@@ -112,7 +112,7 @@ def rotation_vector_rate(u: Vector, w: Vector) -> Vector:
     return add_scaled(add_scaled(w, -0.5, c), 1.0 / 12.0, cross(u, c))
 
 
-@inline
+@inline_function
 def spin_of(body: Body, q: Quaternion, momentum: Vector) -> Vector:
     """The angular velocity that goes with an angular momentum, world axes."""
     axes = matrix(q)

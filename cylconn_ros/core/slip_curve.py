@@ -20,7 +20,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, last_force, limit
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four, eigen2
 
 Two = tuple[float, float]
@@ -56,7 +56,7 @@ class Curve(NamedTuple):
     size: float  # |s~free|
 
 
-@inline
+@inline_function
 def disc_problem(
     s_minus: Two, s_free: Two, s11: float, s12: float, s22: float, base: Four, c1: Four, c2: Four
 ) -> Disc:
@@ -67,7 +67,7 @@ def disc_problem(
     return Disc(s_minus, s_free, greater, lesser, cos, sin, base, c1, c2)
 
 
-@inline
+@inline_function
 def reaction(d: Disc, phi: Two) -> Four:
     """The constraint reactions (f2, f3, m2, m3) that go with phi."""
     p, q = phi
@@ -79,7 +79,7 @@ def reaction(d: Disc, phi: Two) -> Four:
     )
 
 
-@inline
+@inline_function
 def curve_of(d: Disc, theta: float) -> Curve:
     """The curve of candidates for one theta."""
     x = (1.0 - theta) * d.s_minus[0] + theta * d.s_free[0]
@@ -93,14 +93,14 @@ def curve_of(d: Disc, theta: float) -> Curve:
     return Curve(a, b, l1, l2, math.sqrt(x * x + y * y))
 
 
-@inline
+@inline_function
 def phi_at(d: Disc, c: Curve, r: float) -> Two:
     """phi(r)."""
     p, q = -c.a / (c.l1 + r), -c.b / (c.l2 + r)
     return (d.cos * p - d.sin * q, d.sin * p + d.cos * q)
 
 
-@inline
+@inline_function
 def _excess(law: Law, par: Array, d: Disc, c: Curve, r: float) -> float:
     """limit/|phi| - 1 at r: not negative where stick is admissible, or beyond the root for slip."""
     phi = phi_at(d, c, r)
@@ -111,19 +111,19 @@ def _excess(law: Law, par: Array, d: Disc, c: Curve, r: float) -> float:
     return limit(law, par, r * size, normal) / size - 1.0
 
 
-@inline
+@inline_function
 def _ends(c: Curve) -> bool:
     """Whether the curve has an end at r = 0: not where a held component moves."""
     return c.l1 > 0.0 and c.l2 > 0.0
 
 
-@inline
+@inline_function
 def excess_at_end(law: Law, par: Array, d: Disc, c: Curve) -> float:
     """The excess of stick, r = 0; -1 where the curve does not end there."""
     return _excess(law, par, d, c, 0.0) if _ends(c) else -1.0
 
 
-@inline
+@inline_function
 def _growth(law: Law, d: Disc) -> float:
     """A bound of the growth of FN with |phi|: a Lipschitz constant."""
     f = d.c1[0] ** 2 + d.c1[1] ** 2 + d.c2[0] ** 2 + d.c2[1] ** 2
@@ -131,7 +131,7 @@ def _growth(law: Law, d: Disc) -> float:
     return math.sqrt(f) + law.bending * math.sqrt(m)
 
 
-@jit
+@device_function
 def _bracketed(
     law: Law, par: Array, d: Disc, c: Curve, low: float, g_low: float, high: float, g_high: float
 ) -> float:
@@ -164,7 +164,7 @@ def _bracketed(
     return high
 
 
-@inline
+@inline_function
 def _bound(part: float, other: float, step: float) -> float:
     """A lower bound at the far end of ``step`` of c/(l + r), linear in r and exact at the near end.
 
@@ -174,7 +174,7 @@ def _bound(part: float, other: float, step: float) -> float:
     return part * (1.0 + step) if part > 0.0 else other
 
 
-@jit
+@device_function
 def _free_of_roots(
     law: Law, par: Array, d: Disc, c: Curve, growth: float, low: float, high: float
 ) -> bool:
@@ -224,7 +224,7 @@ def _free_of_roots(
     return mu * normal_high > size_high and mu * normal_low > size
 
 
-@jit
+@device_function
 def first_root(law: Law, par: Array, d: Disc, c: Curve, g_end: float) -> float:
     """The greatest r of a root, given the excess at the end r = 0.
 
@@ -279,7 +279,7 @@ def first_root(law: Law, par: Array, d: Disc, c: Curve, g_end: float) -> float:
     return _searched(law, par, d, c, high, g_high, g_end)
 
 
-@jit
+@device_function
 def _searched(
     law: Law, par: Array, d: Disc, c: Curve, high: float, g_high: float, g_end: float
 ) -> float:
@@ -302,7 +302,7 @@ def _searched(
     return high
 
 
-@jit
+@device_function
 def last_root(law: Law, par: Array, d: Disc, c: Curve) -> float:
     """The root next to r = 0, found by going up from there; inf: there is none."""
     greatest = limit(law, par, c.size, contact(law, d.base).normal)

@@ -2,13 +2,13 @@
 
 import math
 
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 
 Four = tuple[float, float, float, float]
 Lower = tuple[float, float, float, float, float, float, float, float, float, float]
 
 
-@inline
+@inline_function
 def factor(
     a00: float, a10: float, a11: float, a20: float, a21: float, a22: float,
     a30: float, a31: float, a32: float, a33: float,
@@ -26,7 +26,7 @@ def factor(
     return (l10, l20, l21, l30, l31, l32, i0, i1, i2, i3)
 
 
-@inline
+@inline_function
 def solve(f: Lower, b0: float, b1: float, b2: float, b3: float) -> Four:
     """X of L D L^T x = b."""
     l10, l20, l21, l30, l31, l32, i0, i1, i2, i3 = f
@@ -40,7 +40,7 @@ def solve(f: Lower, b0: float, b1: float, b2: float, b3: float) -> Four:
     return (x0, x1, x2, x3)
 
 
-@inline
+@inline_function
 def eigen2(a: float, b: float, c: float) -> tuple[float, float, float, float]:
     """(greater, lesser, cos, sin) of [[a, b], [b, c]]; (cos, sin) goes with the greater.
 

@@ -12,20 +12,20 @@ base + P by, so that F is convex in P. Of g = share mu FN - P, positive at P = 0
 import math
 
 from cylconn_ros.core.friction import Array, Contact, Law, coefficient, contact
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 
 MOST_STEPS = 200
 EXACT = 1e-15
 
 
-@inline
+@inline_function
 def moved(base: Four, by: Four, p: float) -> Four:
     """The reactions at the traction p."""
     return (base[0] + p * by[0], base[1] + p * by[1], base[2] + p * by[2], base[3] + p * by[3])
 
 
-@inline
+@inline_function
 def _slope(law: Law, at: Contact, reaction: Four, by: Four) -> float:
     """DF/dP."""
     slope = 0.0
@@ -36,7 +36,7 @@ def _slope(law: Law, at: Contact, reaction: Four, by: Four) -> float:
     return slope
 
 
-@jit
+@device_function
 def least_traction(
     law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
 ) -> tuple[float, bool, float]:
@@ -68,7 +68,7 @@ def least_traction(
     return p, False, abs(residual)
 
 
-@jit
+@device_function
 def _relieved(
     law: Law, base: Four, by: Four, factor: float, most: float
 ) -> tuple[float, bool, float]:
@@ -86,7 +86,7 @@ def _relieved(
     return p, False, max(residual, 0.0)
 
 
-@jit
+@device_function
 def _over_table(
     law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
 ) -> tuple[float, bool, float]:

@@ -7,7 +7,7 @@ turned frame.
 
 import math
 
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -15,37 +15,37 @@ Matrix = tuple[Vector, Vector, Vector]
 Symmetric = tuple[float, float, float, float, float, float]
 
 
-@inline
+@inline_function
 def add(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@inline
+@inline_function
 def sub(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@inline
+@inline_function
 def scale(s: float, a: Vector) -> Vector:
     """Vector algebra: s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 
-@inline
+@inline_function
 def add_scaled(a: Vector, s: float, b: Vector) -> Vector:
     """A + s b."""
     return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
 
 
-@inline
+@inline_function
 def dot(a: Vector, b: Vector) -> float:
     """Vector algebra: a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@inline
+@inline_function
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector algebra: a x b."""
     x, y, z = a
@@ -53,13 +53,13 @@ def cross(a: Vector, b: Vector) -> Vector:
     return (y * w - z * v, z * u - x * w, x * v - y * u)
 
 
-@inline
+@inline_function
 def norm(a: Vector) -> float:
     """|a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@inline
+@inline_function
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """The product p q: first the turn q, then the turn p."""
     px, py, pz, pw = p
@@ -72,20 +72,20 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     )
 
 
-@inline
+@inline_function
 def conjugate(q: Quaternion) -> Quaternion:
     """The turn back."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
-@inline
+@inline_function
 def normalised(q: Quaternion) -> Quaternion:
     """Q / |q|; the caller has made sure that |q| is not zero."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (s * q[0], s * q[1], s * q[2], s * q[3])
 
 
-@inline
+@inline_function
 def turned(q: Quaternion, r: Vector) -> Quaternion:
     """The orientation q after a further turn by the rotation vector r (world axes)."""
     squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
@@ -101,7 +101,7 @@ def turned(q: Quaternion, r: Vector) -> Quaternion:
     return normalised(multiply((half * r[0], half * r[1], half * r[2], w), q))
 
 
-@inline
+@inline_function
 def matrix(q: Quaternion) -> Matrix:
     """The axes of a frame of orientation q, as columns."""
     x, y, z, w = q
@@ -112,7 +112,7 @@ def matrix(q: Quaternion) -> Matrix:
     )
 
 
-@inline
+@inline_function
 def out_of(m: Matrix, a: Vector) -> Vector:
     """M a: components in the turned frame to components in the outer one."""
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
@@ -120,7 +120,7 @@ def out_of(m: Matrix, a: Vector) -> Vector:
     return (m00 * x + m10 * y + m20 * z, m01 * x + m11 * y + m21 * z, m02 * x + m12 * y + m22 * z)
 
 
-@inline
+@inline_function
 def into(m: Matrix, a: Vector) -> Vector:
     """m^T a: components in the outer frame to components in the turned one."""
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
@@ -128,7 +128,7 @@ def into(m: Matrix, a: Vector) -> Vector:
     return (m00 * x + m01 * y + m02 * z, m10 * x + m11 * y + m12 * z, m20 * x + m21 * y + m22 * z)
 
 
-@inline
+@inline_function
 def times(i: Symmetric, a: Vector) -> Vector:
     """The symmetric tensor times a vector."""
     xx, xy, xz, yy, yz, zz = i
@@ -136,7 +136,7 @@ def times(i: Symmetric, a: Vector) -> Vector:
     return (xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z)
 
 
-@inline
+@inline_function
 def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
     """M i m^T: a tensor given in the turned frame, expressed in the outer one."""
     r0 = (m[0][0], m[1][0], m[2][0])
@@ -146,7 +146,7 @@ def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
     return (dot(r0, i0), dot(r0, i1), dot(r0, i2), dot(r1, i1), dot(r1, i2), dot(r2, i2))
 
 
-@inline
+@inline_function
 def product(a: Matrix, b: Matrix) -> Matrix:
     """a^T b: the axes of b seen from a."""
     return (into(a, b[0]), into(a, b[1]), into(a, b[2]))

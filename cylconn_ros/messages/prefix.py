@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector import synchronizer
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.scene.scene import Scene
 
@@ -28,7 +28,7 @@ _POSE, _TWIST, _ODOMETRY = range(3)
 _KINDS = (_POSE, _TWIST, _POSE, _TWIST, _ODOMETRY, _ODOMETRY)
 
 
-@jit
+@device_function
 def body_of(stream: int) -> int:
     """Whether a stream is of body A (0) or B (1)."""
     return stream >> 1 if stream < ODOMETRIES else stream - ODOMETRIES

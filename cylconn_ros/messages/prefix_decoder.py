@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import COMPILED, entry, jit
+from cylconn_ros.core.jit import COMPILED, device_function, kernel
 from cylconn_ros.messages.prefix import STREAMS
 
 POSSIBLE: Final = COMPILED and sys.byteorder == "little"
@@ -32,7 +32,7 @@ Longs = NDArray[np.uint64]
 Array = NDArray[np.float64]
 
 
-@jit
+@device_function
 def _fill(floats: Array, held: Integers, numbers: Integers, needed: int, sample: Array) -> None:
     """Write a sample's numbers as they stand in its messages, which begin at ``held``."""
     for body in range(2):
@@ -53,7 +53,7 @@ def _fill(floats: Array, held: Integers, numbers: Integers, needed: int, sample:
             sample[twist + j] = floats[at + 8 * j]
 
 
-@entry
+@kernel
 def take(
     longs: Longs, floats: Array, channel: Longs, start: Integers, size: Integers,
     begin: int, end: int, streams: Integers, numbers: Integers, words: Longs, needed: int,

@@ -18,7 +18,7 @@ import numpy as np
 from cylconn_ros.connector.frames import hold_load, turn_twist
 from cylconn_ros.connector.synchronizer import Matched, SampleMatcher
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import entry, jit
+from cylconn_ros.core.jit import device_function, kernel
 from cylconn_ros.messages.prefix import ODOMETRIES, STREAMS, Form, body_of
 from cylconn_ros.scene.scene import Scene
 
@@ -60,13 +60,13 @@ KEPT: Final = 1
 COMPLETE: Final = 2
 
 
-@jit
+@device_function
 def bits_of(stream: int) -> int:
     """What a stream brings of a sample, a bit for each of the four poses and twists."""
     return 1 << stream if stream < ODOMETRIES else 3 << 2 * (stream - ODOMETRIES)
 
 
-@jit
+@device_function
 def take(stream: int, size: int, state: Any, like: Any, model: Any, row: Any, words: Any) -> int:
     """Take the message of ``size`` bytes in a stream's row: NOT_ALIKE, KEPT or COMPLETE.
 
@@ -105,7 +105,7 @@ def take(stream: int, size: int, state: Any, like: Any, model: Any, row: Any, wo
     return COMPLETE if state[HELD] == state[NEEDED] else KEPT
 
 
-@jit
+@device_function
 def fill(state: Any, like: Any, numbers: Any, loads: Any, axes: Any, sample: Any) -> None:
     """Write the complete sample to ``sample`` (NSAMPLE,) and hold nothing any more.
 
@@ -137,12 +137,12 @@ def fill(state: Any, like: Any, numbers: Any, loads: Any, axes: Any, sample: Any
     state[HELD] = 0
 
 
-@entry
+@kernel
 def _take(stream: int, size: int, state: Any, like: Any, model: Any, row: Any, words: Any) -> int:
     return take(stream, size, state, like, model, row, words)
 
 
-@entry
+@kernel
 def _fill(state: Any, like: Any, numbers: Any, loads: Any, axes: Any, sample: Any) -> None:
     fill(state, like, numbers, loads, axes, sample)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import entry, jit
+from cylconn_ros.core.jit import device_function, kernel
 
 # Totals.
 NOT_FINITE: Final = 0
@@ -30,13 +30,13 @@ SINCE_LOOKED: Final = FLAGS
 _OFF: Final = 0.01  # of a period
 
 
-@jit
+@device_function
 def _worse(tally: Any, at: int, value: float) -> None:
     if value > tally[at]:  # what is not a number is not
         tally[at] = value
 
 
-@jit
+@device_function
 def note(tally: Any, out: Any, h: float, period: float) -> None:
     """Keep what is to be told of an answer.
 
@@ -69,13 +69,13 @@ def note(tally: Any, out: Any, h: float, period: float) -> None:
     tally[LOCK] = out[layout.LOCK]
 
 
-@entry
+@kernel
 def note_one(tally: Any, out: Any, h: float, period: float) -> None:
     """The same, called from outside."""
     note(tally, out, h, period)
 
 
-@entry
+@kernel
 def note_all(tally: Any, outs: Any, since: Any, period: float) -> None:
     """Keep what is to be told of (n, NOUT) answers; ``since``: (n,) as h is."""
     for k in range(outs.shape[0]):

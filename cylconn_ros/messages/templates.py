@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import entry, jit
+from cylconn_ros.core.jit import device_function, kernel
 
 FIRST: Final = 4
 """Where a message begins behind a multiple of eight bytes: its numbers are then aligned."""
@@ -34,7 +34,7 @@ _PLACES: Final = SIZE + COUNT
 _SMALL_NUMBERS: Final = (layout.REGIME, layout.STOP, layout.LOCK, layout.STATUS)
 
 
-@jit
+@device_function
 def write(stamp: int, out: Any, places: Any, numbers: Any, words: Any, small: Any) -> None:
     """Write an answer (NOUT,) with a stamp in ns.
 
@@ -62,7 +62,7 @@ def write(stamp: int, out: Any, places: Any, numbers: Any, words: Any, small: An
     numbers[effort], numbers[effort + 1] = out[layout.FORCE], out[layout.MOMENT]
 
 
-@entry
+@kernel
 def _write(stamp: int, out: Any, places: Any, numbers: Any, words: Any, small: Any) -> None:
     write(stamp, out, places, numbers, words, small)
 

@@ -15,12 +15,12 @@ flagged GAINS_LOWERED.
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.relative_state import observe
 from cylconn_ros.methods import passivity_controller, penalty
 
 
-@jit
+@device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
@@ -34,7 +34,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return flags
 
 
-@jit
+@device_function
 def _block(
     par: Array,
     mem: Array,

@@ -24,7 +24,7 @@ from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.delassus import of_body, of_both, swung
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import imposed_force
 from cylconn_ros.core.kinematics import Frame, Twist, into_swung
 from cylconn_ros.core.output_wrenches import write_contact, write_forces, write_wrenches
@@ -51,7 +51,7 @@ FEEDBACK = 0.2  # alpha h and beta h where they are not given
 STOPPED_AFTER = 3
 
 
-@jit
+@device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
@@ -106,7 +106,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     )  # fmt: skip
 
 
-@jit
+@device_function
 def _acceleration(
     par: Array, body: Body, m: Motion, sample: Array, at: int
 ) -> tuple[Vector, Vector]:
@@ -120,7 +120,7 @@ def _acceleration(
     return linear, angular_acceleration(body, m.orientation, m.spin, torque)
 
 
-@jit
+@device_function
 def _relative_acceleration(
     f: Frame, o: Observed, a: tuple[Vector, Vector], b: tuple[Vector, Vector]
 ) -> Twist:
@@ -135,7 +135,7 @@ def _relative_acceleration(
     )
 
 
-@jit
+@device_function
 def _target(par: Array, o: Observed, h: float) -> tuple[Four, bool]:
     """-2 alpha w - beta^2 e, the approach to zero no faster than the pull-in speed."""
     alpha = model.given(par[model.BAUMGARTE], FEEDBACK / h)
@@ -152,7 +152,7 @@ def _target(par: Array, o: Observed, h: float) -> tuple[Four, bool]:
     ), far or far_too
 
 
-@jit
+@device_function
 def _friction(
     par: Array, mem: Array, out: Array, o: Observed, r: Reduced, push: tuple[float, float], h: float
 ) -> tuple[tuple[float, float], int, float]:

@@ -16,7 +16,7 @@ from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, contact, limit
 from cylconn_ros.core.friction_disc import solve_disc, solve_otherwise
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import Bounds, Held, Two, hold
 from cylconn_ros.core.latency import share_removed
 from cylconn_ros.core.relative_state import Observed
@@ -64,7 +64,7 @@ class Solved(NamedTuple):
     residual: float
 
 
-@inline
+@inline_function
 def reactions(r: Reduced, f1: float, m1: float) -> Four:
     """The constraint reactions (f2, f3, m2, m3) that go with (f1, m1)."""
     return (
@@ -75,7 +75,7 @@ def reactions(r: Reduced, f1: float, m1: float) -> Four:
     )
 
 
-@inline
+@inline_function
 def _along(r: Reduced, f1: float, m1: float) -> Four:
     """by_f1 f1 + by_m1 m1."""
     return (
@@ -86,7 +86,7 @@ def _along(r: Reduced, f1: float, m1: float) -> Four:
     )
 
 
-@inline
+@inline_function
 def within(
     par: Array,
     mem: Array,
@@ -131,7 +131,7 @@ def within(
     return best, best_sides
 
 
-@inline
+@inline_function
 def _offered(b: Bounds, side: int) -> tuple[bool, int]:
     """Whether ``side`` is a choice, and which bound it stands for: a fixed rate is just one."""
     if b.low == b.high:
@@ -140,7 +140,7 @@ def _offered(b: Bounds, side: int) -> tuple[bool, int]:
     return not none, side
 
 
-@inline
+@inline_function
 def _wrong(b: Bounds, fixed: bool, side: int, rate: float, pushed: float, free: float) -> float:
     """By how much, as a rate, a choice breaks its own condition; 0: it does not.
 
@@ -154,7 +154,7 @@ def _wrong(b: Bounds, fixed: bool, side: int, rate: float, pushed: float, free: 
     return max(pushed * side - slack, 0.0)
 
 
-@jit
+@device_function
 def _solved(
     par: Array,
     mem: Array,
@@ -188,7 +188,7 @@ def _solved(
     return Solved(end, friction, reaction_, regime, flags, s_mean, residual)
 
 
-@jit
+@device_function
 def restitution_without_gain(
     par: Array,
     mem: Array,
@@ -224,7 +224,7 @@ def restitution_without_gain(
     return low
 
 
-@inline
+@inline_function
 def _friction(
     par: Array,
     mem: Array,

@@ -11,7 +11,7 @@ from typing import Final
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry, inline
+from cylconn_ros.core.jit import inline_function, kernel
 from cylconn_ros.core.kinematics import Frame, Twist, relative_twist
 from cylconn_ros.core.relative_state import observe
 from cylconn_ros.core.rigid_body import Body, Motion
@@ -44,13 +44,13 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 _STILL_AT: Final = (0.0, 0.0, 0.0, 1.0)
 
 
-@inline
+@inline_function
 def _unit(k: int) -> Vector:
     """The axis number k of three; none for another number."""
     return (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
 
 
-@inline
+@inline_function
 def _write_jacobians(f: Frame, looked: Array) -> None:
     still = Motion(_ZERO, _STILL_AT, _ZERO, _ZERO)
     for k in range(6):
@@ -61,7 +61,7 @@ def _write_jacobians(f: Frame, looked: Array) -> None:
             looked[JACOBIAN_B + 6 * i + k], looked[JACOBIAN_B + 6 * (i + 3) + k] = b.v[i], b.w[i]
 
 
-@inline
+@inline_function
 def _write_inverse(body: Body, q: Quaternion, looked: Array, at: int) -> None:
     axes = matrix(q)
     for k in range(3):
@@ -70,13 +70,13 @@ def _write_inverse(body: Body, q: Quaternion, looked: Array, at: int) -> None:
             looked[at + 3 * i + k] = column[i] if body.free else 0.0
 
 
-@inline
+@inline_function
 def _put_twist(a: Array, at: int, twist: Twist) -> None:
     model.put(a, at, twist.v)
     model.put(a, at + 3, twist.w)
 
 
-@entry
+@kernel
 def look(par: Array, mem: Array, sample: Array, h: float, out: Array, looked: Array) -> int:
     """Write ``looked`` (NLOOKED,) for a sample; the status, as of a step.
 
@@ -98,7 +98,7 @@ def look(par: Array, mem: Array, sample: Array, h: float, out: Array, looked: Ar
     return out_at.OK
 
 
-@entry
+@kernel
 def answer(par: Array, mem: Array, sample: Array, h: float, given: Array, out: Array) -> int:
     """Answer a sample with the constraints of all eliminated: ``given`` (NGIVEN,); the status.
 

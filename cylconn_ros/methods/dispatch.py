@@ -6,7 +6,7 @@ from typing import Final
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry, inline
+from cylconn_ros.core.jit import inline_function, kernel
 from cylconn_ros.core.latency import is_late, periods_late, predict, remember_sent
 from cylconn_ros.core.relative_state import status_of, write_measured
 from cylconn_ros.methods import augmented_lagrangian, baumgarte, impulse, observe, penalty
@@ -30,7 +30,7 @@ NAMES: Final[dict[str, int]] = {
 AHEAD: Final = slice(model.AHEAD, model.AHEAD + out_at.NSAMPLE)
 
 
-@inline
+@inline_function
 def _nothing(out: Array, status: int) -> None:
     """A zero wrench and the reason."""
     for k in range(out_at.NOUT):
@@ -38,7 +38,7 @@ def _nothing(out: Array, status: int) -> None:
     out[out_at.STATUS] = status
 
 
-@inline
+@inline_function
 def begun(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Whether a sample can be answered: OK with ``out`` empty, or why the wrench is zero.
 
@@ -58,7 +58,7 @@ def begun(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return status
 
 
-@inline
+@inline_function
 def ended(par: Array, mem: Array, sample: Array, h: float, flags: int, out: Array) -> int:
     """Close an answer: its status, which is not OK where anything in it is not finite."""
     out[out_at.FLAGS] = flags
@@ -75,7 +75,7 @@ def ended(par: Array, mem: Array, sample: Array, h: float, flags: int, out: Arra
     return out_at.OK
 
 
-@entry
+@kernel
 def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Answer one sample.
 
@@ -105,7 +105,7 @@ def step(method: int, par: Array, mem: Array, sample: Array, h: float, out: Arra
     return ended(par, mem, sample, h, flags, out)
 
 
-@entry
+@kernel
 def run(method: int, par: Array, mem: Array, samples: Array, h: float, outs: Array) -> None:
     """Answer (N, NSAMPLE) samples in order into (N, NOUT)."""
     for k in range(samples.shape[0]):

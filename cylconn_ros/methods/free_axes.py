@@ -11,7 +11,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.joint_limits import (
     Bounds,
     Two,
@@ -50,7 +50,7 @@ class Available(NamedTuple):
     restitution: float
 
 
-@inline
+@inline_function
 def available(
     par: Array, mem: Array, o: Observed, r: Reduced, h: float, explicit: bool
 ) -> Available:
@@ -102,7 +102,7 @@ def available(
     )
 
 
-@inline
+@inline_function
 def _stop_bits(side: int) -> int:
     """Which stop of a component is in contact: 1 the lower, 2 the upper."""
     if side < 0:
@@ -110,7 +110,7 @@ def _stop_bits(side: int) -> int:
     return 2 if side > 0 else 0
 
 
-@inline
+@inline_function
 def _stretch(par: Array, mem: Array, o: Observed) -> Two:
     """u1mat and ur1mat: from the constitutive reference."""
     ref = model.REFERENCE
@@ -120,7 +120,7 @@ def _stretch(par: Array, mem: Array, o: Observed) -> Two:
     )
 
 
-@inline
+@inline_function
 def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation: Two) -> Sprung:
     """Take in e - E w+ with E = k h/4 + c/2: with W = (I + hA E)^-1, S = W hA."""
     at = model.ELASTICITY
@@ -150,7 +150,7 @@ def _sprung(par: Array, mem: Array, o: Observed, r: Reduced, h: float, actuation
     )
 
 
-@inline
+@inline_function
 def _remember_impacts(
     mem: Array, o: Observed, b1: Bounds, b2: Bounds, eps: float, explicit: bool,
     sides: tuple[int, int],
@@ -175,7 +175,7 @@ def _remember_impacts(
     return acting
 
 
-@inline
+@inline_function
 def _remember_friction(par: Array, mem: Array, o: Observed, solved: Solved, h: float) -> None:
     """Accumulated slip and how long it has stuck."""
     if solved.regime == out_at.FRICTIONLESS:
@@ -192,7 +192,7 @@ def _remember_friction(par: Array, mem: Array, o: Observed, solved: Solved, h: f
     mem[model.WAS_STICK] = 1.0 if solved.regime == out_at.STICK else 0.0
 
 
-@inline
+@inline_function
 def report(
     par: Array,
     mem: Array,
@@ -234,7 +234,7 @@ def report(
         out[out_at.STOP_TIME] = _time_to_rest(law, par, o, r, av, h)
 
 
-@inline
+@inline_function
 def _time_to_rest(law: Law, par: Array, o: Observed, r: Reduced, av: Available, h: float) -> float:
     """|s| / |ds/dt| with sliding friction against the slip velocity, at most the period."""
     s1, s2 = o.twist.v[0], law.radius * o.twist.w[0]

@@ -34,7 +34,7 @@ from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.delassus import Inertia, of_body, of_both, swung
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
 from cylconn_ros.core.latency import share_removed
 from cylconn_ros.core.output_wrenches import write_wrenches
@@ -70,7 +70,7 @@ class Free(NamedTuple):
     orientation: Quaternion  # at the half of the step
 
 
-@inline
+@inline_function
 def _free(
     par: Array, body: Body, m: Motion, load: Vector, torque: Vector, h: float, explicit: bool
 ) -> Free:
@@ -94,7 +94,7 @@ def _free(
     return Free(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
 
 
-@inline
+@inline_function
 def _ahead(m: Motion, h: float) -> Motion:
     """q^ = q + h v, with the velocity as it is."""
     return Motion(
@@ -105,7 +105,7 @@ def _ahead(m: Motion, h: float) -> Motion:
     )
 
 
-@inline
+@inline_function
 def pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
     """-e/h, its size limited to the pull-in speed."""
     size = math.sqrt(e1 * e1 + e2 * e2)
@@ -128,7 +128,7 @@ class Step(NamedTuple):
     flags: int
 
 
-@inline
+@inline_function
 def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float, alone: bool) -> Step:
     """q~, vf, the inertia that the wrench meets, and the constraint eliminated.
 
@@ -164,7 +164,7 @@ def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float, alone: 
     return Step(free_a, free_b, f, g, wf, turning, target, reduced, flags)
 
 
-@jit
+@device_function
 def _foreseen(
     par: Array, mem: Array, sample: Array, o: Observed, f: Frame, g: Inertia, wf: Twist,
     turning: Twist, target: Four, r: Reduced, far: bool, h: float,
@@ -197,7 +197,7 @@ def _foreseen(
     return turning, target, r, far
 
 
-@inline
+@inline_function
 def answer(
     par: Array, mem: Array, out: Array, o: Observed, s: Step, av: Available, h: float
 ) -> int:
@@ -219,7 +219,7 @@ def answer(
     return flags
 
 
-@jit
+@device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
@@ -228,7 +228,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return answer(par, mem, out, o, s, av, h)
 
 
-@inline
+@inline_function
 def _loaded(
     par: Array, body: Body, m: Motion, sample: Array, at: int, h: float, explicit: bool
 ) -> Free:
@@ -239,7 +239,7 @@ def _loaded(
     return _free(par, body, m, load, torque, h, explicit)
 
 
-@inline
+@inline_function
 def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, coarse: bool) -> Twist:
     """(J(q^) - J~) v: what the geometry adds to J~v+ until the end of the step."""
     if coarse:
@@ -250,7 +250,7 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, coarse: bool) -> Twi
     return Twist(sub(there.v, here.v), sub(there.w, here.w))
 
 
-@inline
+@inline_function
 def _target(
     par: Array, o: Observed, turning: Twist, h: float, coarse: bool, share: float
 ) -> tuple[Four, bool]:
@@ -272,13 +272,13 @@ def _target(
     return target, far_offset or far_angle
 
 
-@inline
+@inline_function
 def scaled(e: Four, share: float) -> Four:
     """``share`` of an error."""
     return (share * e[0], share * e[1], share * e[2], share * e[3])
 
 
-@inline
+@inline_function
 def _limits(par: Array, o: Observed, h: float) -> tuple[float, float]:
     """The greatest speed of offsets and rate of swings at which a violation is removed."""
     own = _own_rate(o, h)
@@ -286,7 +286,7 @@ def _limits(par: Array, o: Observed, h: float) -> tuple[float, float]:
     return par[model.PULL_IN] + own * arms, par[model.PULL_IN + 1] + own
 
 
-@inline
+@inline_function
 def _own_rate(o: Observed, h: float) -> float:
     """The rate at which a step's own error, up to (|w| h)^3 of the arms, is to be removed.
 
@@ -298,12 +298,12 @@ def _own_rate(o: Observed, h: float) -> float:
     return held * turn * turn * spin
 
 
-@inline
+@inline_function
 def _dot4(a: Four, b: Four) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@inline
+@inline_function
 def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -> Reduced:
     """Solve w+_c = target_c for (f2, f3, m2, m3), for no force and for a unit f1 and m1."""
     ff, fm, mm = g.ff, g.fm, g.mm
@@ -331,7 +331,7 @@ def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) ->
     return Reduced(base, by_f1, by_m1, free, a)
 
 
-@inline
+@inline_function
 def unmet(
     g: Inertia, wf: Twist, turning: Twist, target: Four, f: Vector, m: Vector, h: float
 ) -> float:

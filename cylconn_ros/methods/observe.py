@@ -19,7 +19,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import frame, into_swung
 from cylconn_ros.core.output_wrenches import write_contact, write_forces
 from cylconn_ros.core.relative_state import observe
@@ -52,7 +52,7 @@ class Before(NamedTuple):
     turn: Vector
 
 
-@inline
+@inline_function
 def _before(mem: Array, k: int) -> Before:
     """Of body A (k = 0) or B (1)."""
     last = model.LAST_A if k == 0 else model.LAST_B
@@ -67,7 +67,7 @@ def _before(mem: Array, k: int) -> Before:
     )
 
 
-@inline
+@inline_function
 def _keep(mem: Array, k: int, body: Body, m: Motion, sample: Array) -> None:
     """What the next sample asks of this one, beside what `observe` keeps."""
     axes = matrix(m.orientation)
@@ -79,14 +79,14 @@ def _keep(mem: Array, k: int, body: Body, m: Motion, sample: Array) -> None:
     model.put(mem, model.HELD_LOADS + 6 * k + 3, turn)
 
 
-@inline
+@inline_function
 def _between(m: Motion, before: Before, dt: float) -> Motion:
     """The configuration at the middle of the interval; its velocity is not used."""
     com, back = scale(0.5, add(m.com, before.com)), scale(-0.25 * dt, add(m.spin, before.spin))
     return Motion(com, turned(m.orientation, back), m.velocity, m.spin)
 
 
-@inline
+@inline_function
 def _given(
     par: Array, mem: Array, k: int, body: Body, m: Motion, before: Before, arm: Vector, dt: float
 ) -> tuple[Vector, Vector]:
@@ -99,7 +99,7 @@ def _given(
     return force, sub(turn, cross(arm, force))
 
 
-@jit
+@device_function
 def step(par: Array, mem: Array, sample: Array, _h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     began, dt = mem[model.STARTED] != 0.0, mem[model.LAST_PERIOD]
@@ -130,7 +130,7 @@ def step(par: Array, mem: Array, sample: Array, _h: float, out: Array) -> int:
     return o.flags | _report(par, mem, out, force, moment, place, rates, dt)
 
 
-@inline
+@inline_function
 def _report(
     par: Array, mem: Array, out: Array, force: Vector, moment: Vector,
     before: tuple[float, float], rates: tuple[float, float], dt: float,

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 
 Two = tuple[float, float]
 
@@ -60,7 +60,7 @@ class Gains(NamedTuple):
     lowered: bool
 
 
-@jit
+@device_function
 def gains(mem: Array, at: int, k: float, c: float, rho: float, h: float, explicit: bool) -> Gains:
     """The gains asked for, as lowered so far; k at most c/h where the plant is exact.
 
@@ -77,7 +77,7 @@ def gains(mem: Array, at: int, k: float, c: float, rho: float, h: float, explici
     return Gains(stiffness, damping, rho, mem[at + RATIO] > 0.0 or stiffness < k or damping < c)
 
 
-@jit
+@device_function
 def watch(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> None:
     """Account for the last answer with this sample's error and rate; lower gains as needed."""
     d1, d2 = e[0] - mem[at + ERROR], e[1] - mem[at + ERROR + 1]
@@ -102,7 +102,7 @@ def watch(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> Non
     mem[at + RATE], mem[at + RATE + 1] = w
 
 
-@jit
+@device_function
 def _judge(mem: Array, at: int, g: Gains, balance: float) -> None:
     """Lower a gain if the window made energy and has grown beyond the quietest one."""
     peak, quiet = mem[at + PEAK], mem[at + QUIET]
@@ -117,7 +117,7 @@ def _judge(mem: Array, at: int, g: Gains, balance: float) -> None:
             mem[at + STIFFNESS] += math.log(2.0)
 
 
-@jit
+@device_function
 def _reversed(mem: Array, at: int, w: Two) -> None:
     """Count reversals of a growing rate; after three, or two that double, lower both gains."""
     before = math.sqrt(mem[at + RATE] ** 2 + mem[at + RATE + 1] ** 2)
@@ -134,7 +134,7 @@ def _reversed(mem: Array, at: int, w: Two) -> None:
         mem[at + DAMPING] += math.log(1.0 + ratio)
 
 
-@jit
+@device_function
 def _open(mem: Array, at: int, stored: float, multiplier: Two) -> None:
     """Begin a window."""
     mem[at + PEAK] = 0.0

@@ -18,7 +18,7 @@ import math
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import (
     advance_imposed,
     imposed,
@@ -34,7 +34,7 @@ from cylconn_ros.core.vectors import scale, turned
 STOPPED_AFTER = 3
 
 
-@jit
+@device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
@@ -50,7 +50,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return answer(par, mem, out, o, constraint, h)
 
 
-@jit
+@device_function
 def answer(par: Array, mem: Array, out: Array, o: Observed, constraint: Four, h: float) -> int:
     """What goes with a constraint force (f2 f3 m2 m3) of unknown inertia: friction, wrenches."""
     v, w = o.twist.v, o.twist.w
@@ -95,7 +95,7 @@ def answer(par: Array, mem: Array, out: Array, o: Observed, constraint: Four, h:
     )  # fmt: skip
 
 
-@jit
+@device_function
 def _reaction(
     par: Array, mem: Array, k: int, x: float, w: float, h: float
 ) -> tuple[float, int, int]:
@@ -115,7 +115,7 @@ def _reaction(
     return 0.0, 0, 0
 
 
-@jit
+@device_function
 def _friction(
     par: Array,
     mem: Array,

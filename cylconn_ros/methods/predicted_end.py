@@ -24,7 +24,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Twist, frame, out_of_swung, relative_twist
 from cylconn_ros.core.relative_state import Observed, violation
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration, exact_step
@@ -55,7 +55,7 @@ class End(NamedTuple):
     known: bool
 
 
-@inline
+@inline_function
 def _pushed(
     par: Array, body: Body, m: Motion, sample: Array, at: int, force: Vector, torque: Vector
 ) -> tuple[Vector, Vector]:
@@ -67,7 +67,7 @@ def _pushed(
     return add(add(force, load), weight), torque
 
 
-@inline
+@inline_function
 def _turn(body: Body, m: Motion, torque: Vector, h: float) -> float:
     """By how much the body turns in the step, rad, roughly."""
     if not body.free:
@@ -76,7 +76,7 @@ def _turn(body: Body, m: Motion, torque: Vector, h: float) -> float:
     return h * (norm(m.spin) + 0.5 * h * norm(rate))
 
 
-@jit
+@device_function
 def end_of(
     par: Array, mem: Array, sample: Array, o: Observed, f: Frame, force: Vector, moment: Vector,
     h: float,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.jit import COMPILED, entry, inline, jit
+from cylconn_ros.core.jit import COMPILED, device_function, inline_function, kernel
 from cylconn_ros.recording.chunk_buffer import (
     ACCEPTED,
     CHANNEL,
@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 
-@inline
+@inline_function
 def _number(records: Bytes, at: int, size: int, value: int) -> None:
     """Write a whole number, its least byte first."""
     for k in range(size):
@@ -32,7 +32,7 @@ def _number(records: Bytes, at: int, size: int, value: int) -> None:
 
 if COMPILED:
 
-    @inline
+    @inline_function
     def _copy(records: Bytes, begin: int, data: Bytes, length: int) -> None:
         """Copy the first ``length`` bytes of ``data``.
 
@@ -48,7 +48,7 @@ else:
         records[begin : begin + length] = data[:length]
 
 
-@jit
+@device_function
 def put(
     records: Bytes,
     entries: Integers,
@@ -88,7 +88,7 @@ def put(
     return True
 
 
-@entry
+@kernel
 def put_each(
     records: Bytes,
     entries: Integers,

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.jit import COMPILED, entry
+from cylconn_ros.core.jit import COMPILED, kernel
 
 __all__ = ["COMPILED", "fill"]
 
@@ -18,7 +18,7 @@ Integers = NDArray[np.int64]
 Longs = NDArray[np.uint64]
 
 
-@entry
+@kernel
 def fill(
     codes: NDArray[np.uint8], words: Longs, longs: Longs, places: Integers, others: Integers
 ) -> tuple[int, int]:

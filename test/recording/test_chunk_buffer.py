@@ -13,7 +13,7 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
-from cylconn_ros.core.jit import entry
+from cylconn_ros.core.jit import kernel
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording import writer as writer_module
 from cylconn_ros.recording.chunk_buffer import ACCEPTED, REFUSED, Messages, Tray
@@ -35,7 +35,7 @@ MESSAGES = [
 ]
 
 
-@entry
+@kernel
 def put_one(
     records: NDArray[np.uint8],
     entries: NDArray[np.int64],

@@ -102,7 +102,7 @@ def test_played_onto_live_topics_the_node_answers_the_same(name: str, tmp_path: 
     with program([*module("connector.node"), "--ros-args", "--params-file", scene,
                   "-p", "record.enabled:=true"], tmp_path) as node:  # fmt: skip
         node.wait_for("recording to")  # it listens, and is ready to answer
-        with program([*module("playing"), BAGS / name, "--rate", "0.4"], tmp_path) as player:
+        with program([*module("player"), BAGS / name, "--rate", "0.4"], tmp_path) as player:
             assert player.wait() == 0, player.output
             assert "played" in player.output
         assert node.stop() == 0

@@ -83,7 +83,7 @@ def test_compiling_is_announced_before_it_begins(name, node, physics, monkeypatc
 
 
 ENTRY = """
-from cylconn_ros.core.jit import entry, is_ready
+from cylconn_ros.core.jit import is_ready, kernel
 
 @entry
 def step(x: float) -> float:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylconn_ros.core.jit import call, entry
+from cylconn_ros.core.jit import call, kernel
 from cylconn_ros.messages.cdr_encoder import StampedWriter
 from cylconn_ros.messages.templates import STAMP, Laid
 from cylconn_ros.ros.executor import rcl
@@ -16,7 +16,7 @@ PERIOD = 1_000_000  # ns between stamps, whatever the rate is
 _SPEED = 1e-4  # m a sample: the sleeves slide steadily
 
 
-@entry
+@kernel
 def _send(
     stamp: int, addresses: Any, clock: Any, words: Any, places: Any, publishers: Any, outbox: Any
 ) -> int:
@@ -35,7 +35,7 @@ def _send(
     return went
 
 
-@entry
+@kernel
 def _take(
     addresses: Any, scratch: Any, subscriptions: Any, boxes: Any, inbox: Any, found: Any
 ) -> int:

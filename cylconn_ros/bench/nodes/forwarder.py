@@ -18,7 +18,7 @@ import rclpy
 
 from cylconn_ros.bench.nodes.topics import INPUTS, OUTPUTS
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import call, entry
+from cylconn_ros.core.jit import call, kernel
 from cylconn_ros.messages import pipeline as messages
 from cylconn_ros.messages.cdr_encoder import StampedWriter, StateWriter
 from cylconn_ros.messages.templates import STAMP, Laid
@@ -30,7 +30,7 @@ from cylconn_ros.ros.message_types import message_class
 _STAMP_SIZE: Final = 8
 
 
-@entry
+@kernel
 def _forward(
     taken: Any, addresses: Any, subscriptions: Any, boxes: Any, inbox: Any, publishers: Any,
     bodies: Any, outbox: Any,

@@ -2,11 +2,11 @@
 
 from cylconn_ros.core import layout, plant
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry
+from cylconn_ros.core.jit import kernel
 from cylconn_ros.methods import dispatch as methods
 
 
-@entry
+@kernel
 def closed(
     method: int, par: Array, of_plant: Array, mem: Array, sample: Array, loads: Array, state: Array,
     a: Array, b: Array, h: float, steps: int, out: Array,

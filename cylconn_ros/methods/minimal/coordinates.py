@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 from cylconn_ros.core import model
 from cylconn_ros.core.delassus import Inertia, of_body, of_both, swung
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline
+from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Frame
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
 from cylconn_ros.core.small_matrices import Four, factor, solve
@@ -99,12 +99,12 @@ class Reduced(NamedTuple):
     by_m1: Four
 
 
-@inline
+@inline_function
 def _about_e1(angle: float) -> Quaternion:
     return (math.sin(0.5 * angle), 0.0, 0.0, math.cos(0.5 * angle))
 
 
-@inline
+@inline_function
 def _moved(joint: Array, t: float) -> Motion:
     """The body that moves by itself, at t."""
     at = PRESCRIBED
@@ -118,7 +118,7 @@ def _moved(joint: Array, t: float) -> Motion:
     )
 
 
-@inline
+@inline_function
 def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     """The bodies at time t and coordinates y."""
     swing = model.quaternion(joint, SWING)
@@ -162,7 +162,7 @@ def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     return Place(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
 
 
-@inline
+@inline_function
 def acceleration(
     par: Array, joint: Array, body: Body, m: Motion, load: int, force: Vector, torque: Vector
 ) -> tuple[Vector, Vector]:
@@ -176,7 +176,7 @@ def acceleration(
     return a, angular_acceleration(body, m.orientation, m.spin, add(torque, moment))
 
 
-@inline
+@inline_function
 def inertia_at(par: Array, p: Place) -> Inertia:
     """G: forces in the axes of a, moments and spins in N."""
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
@@ -187,12 +187,12 @@ def inertia_at(par: Array, p: Place) -> Inertia:
     return swung(g, p.frame.swing)
 
 
-@inline
+@inline_function
 def _dot4(a: Four, b: Four) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@inline
+@inline_function
 def eliminated(g: Inertia, v: Vector, w: Vector) -> Reduced:
     """Reduce to slide and spin: v, w the relative accelerations (or rates) without a wrench."""
     ff, fm, mm = g.ff, g.fm, g.mm
@@ -211,7 +211,7 @@ def eliminated(g: Inertia, v: Vector, w: Vector) -> Reduced:
     )
 
 
-@inline
+@inline_function
 def reduced(par: Array, joint: Array, y: Array, p: Place) -> Reduced:
     """The equations of motion of slide and spin in place p."""
     none = (0.0, 0.0, 0.0)
@@ -226,7 +226,7 @@ def reduced(par: Array, joint: Array, y: Array, p: Place) -> Reduced:
     return eliminated(inertia_at(par, p), v, into(p.untwisted, w))
 
 
-@inline
+@inline_function
 def wrench_on_b(p: Place, x: tuple[float, float], c: Four) -> tuple[Vector, Vector]:
     """Force and moment at node b, world axes, of (f1, m1) and the constraint's f2 f3 m2 m3."""
     return (

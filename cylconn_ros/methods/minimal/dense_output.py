@@ -8,7 +8,7 @@ import numpy as np
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry_that_allocates, jit
+from cylconn_ros.core.jit import allocating_kernel, device_function
 from cylconn_ros.core.relative_state import observe
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import cross, matrix, out_of, sub
@@ -33,7 +33,7 @@ INTEGRALS: Final = 44
 WIDTH: Final = INTEGRALS + rates.INTEGRALS
 
 
-@jit
+@device_function
 def _put_body(row: Array, first: int, body: Body, m: Motion) -> None:
     """Pose and twist of the body's frame."""
     arm = out_of(matrix(m.orientation), body.com)
@@ -44,7 +44,7 @@ def _put_body(row: Array, first: int, body: Body, m: Motion) -> None:
     model.put(row, first + 10, m.spin)
 
 
-@jit
+@device_function
 def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) -> None:
     """Fill ``row`` (WIDTH,) for the coordinates y at t."""
     p = place(par, joint, t, y)
@@ -66,7 +66,7 @@ def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) 
         row[INTEGRALS + k] = y[n + k]
 
 
-@entry_that_allocates
+@allocating_kernel
 def begin(par: Array, sample: Array, joint: Array, y: Array) -> None:
     """Fill ``joint`` (NJOINT,) and ``y`` from the first sample (NSAMPLE,), as the scene says."""
     mem = np.zeros(model.NMEM)
@@ -75,7 +75,7 @@ def begin(par: Array, sample: Array, joint: Array, y: Array) -> None:
     begin_imposed(par, joint, y)
 
 
-@entry_that_allocates
+@allocating_kernel
 def trajectory(
     par: Array, joint: Array, y: Array, times: Array, tolerance: float, first: float,
     rows: Array, log: Array, most: int,

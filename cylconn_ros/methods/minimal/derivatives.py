@@ -4,7 +4,7 @@ from typing import Final
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.vectors import add, cross, scale
 from cylconn_ros.methods.minimal import coordinates as at
 from cylconn_ros.methods.minimal.coordinates import (
@@ -25,13 +25,13 @@ TOTAL: Final = 4  # f1, m1
 INTEGRALS: Final = 6
 
 
-@inline
+@inline_function
 def size_of(joint: Array) -> int:
     """Number of coordinates."""
     return 17 if joint[at.MODE] == at.BOTH_FREE else 4
 
 
-@jit
+@device_function
 def _put_a(par: Array, joint: Array, p: Place, i: Instant, k: Array) -> None:
     """Of pose and twist of A, which the wrench moves too."""
     x, y, z, w = p.a.orientation
@@ -49,7 +49,7 @@ def _put_a(par: Array, joint: Array, p: Place, i: Instant, k: Array) -> None:
     model.put(k, at.A_SPIN, wa)
 
 
-@inline
+@inline_function
 def _put(y: Array, n: int, i: Instant, k: Array) -> None:
     """Of slide and spin, and of the integrals behind n coordinates."""
     k[at.LENGTH], k[at.ANGLE] = y[at.SLIDE], y[at.SPIN]
@@ -59,7 +59,7 @@ def _put(y: Array, n: int, i: Instant, k: Array) -> None:
     k[n + 4], k[n + 5] = i.total
 
 
-@jit
+@device_function
 def rates_at(
     par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
 ) -> Instant:
@@ -75,7 +75,7 @@ def rates_at(
     return i
 
 
-@jit
+@device_function
 def rates_of_stage(
     par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
 ) -> bool:

@@ -5,13 +5,13 @@ other methods are not to wait for.
 """
 
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry_that_allocates
+from cylconn_ros.core.jit import allocating_kernel
 from cylconn_ros.core.latency import is_late
 from cylconn_ros.methods.dispatch import AHEAD, begun, ended
 from cylconn_ros.methods.minimal import live
 
 
-@entry_that_allocates
+@allocating_kernel
 def step(_method: int, par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Answer one sample: see :func:`cylconn_ros.methods.dispatch.step`."""
     status = begun(par, mem, sample, h, out)
@@ -22,7 +22,7 @@ def step(_method: int, par: Array, mem: Array, sample: Array, h: float, out: Arr
     return ended(par, mem, sample, h, flags, out)
 
 
-@entry_that_allocates
+@allocating_kernel
 def run(method: int, par: Array, mem: Array, samples: Array, h: float, outs: Array) -> None:
     """Answer (N, NSAMPLE) samples in order into (N, NOUT)."""
     for k in range(samples.shape[0]):

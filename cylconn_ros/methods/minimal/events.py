@@ -15,7 +15,7 @@ from typing import Final
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import Two, imposed
 from cylconn_ros.core.layout import STICK
 from cylconn_ros.core.vectors import norm
@@ -48,7 +48,7 @@ LOCK_FORCE: Final = 6
 WATCHED: Final = 7
 
 
-@jit
+@device_function
 def watch(
     par: Array, joint: Array, t: float, i: Instant, y: Array, s: State, passing: float, seen: Array
 ) -> int:
@@ -82,7 +82,7 @@ def watch(
     return count
 
 
-@jit
+@device_function
 def located(
     par: Array, joint: Array, t: float, y: Array, high: float, s: State, slip: float,
     passing: float, event: int, k: Array, new: Array, system: Array, start: Array, end: Array,
@@ -110,7 +110,7 @@ def located(
     return high
 
 
-@jit
+@device_function
 def _candidates(par: Array, y: Array, k: int, locked: bool) -> int:
     """2: locked, or its motion imposed; -1, 1: may rest on that stop; 0: free."""
     if (locked and int(par[model.LOCK]) - 1 == k) or imposed(par, k):
@@ -124,7 +124,7 @@ def _candidates(par: Array, y: Array, k: int, locked: bool) -> int:
     return 0
 
 
-@jit
+@device_function
 def settled(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
 ) -> tuple[bool, Sides, Two, bool]:
@@ -145,7 +145,7 @@ def settled(
     return True, sides, (0.0, 0.0), True
 
 
-@jit
+@device_function
 def _settled(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
 ) -> tuple[bool, Sides, Two]:
@@ -182,7 +182,7 @@ def _settled(
     return stuck, sides, a
 
 
-@jit
+@device_function
 def note(log: Array, count: int, t: float, kind: int, y: Array, restitution: float) -> int:
     """Append an event while there is room; the number of events so far."""
     if count < log.shape[0]:
@@ -191,7 +191,7 @@ def note(log: Array, count: int, t: float, kind: int, y: Array, restitution: flo
     return count + 1
 
 
-@jit
+@device_function
 def nudged(
     par: Array, joint: Array, t: float, y: Array, a: tuple[float, float], sides: Sides, k: Array,
     left: float,
@@ -207,7 +207,7 @@ def nudged(
     return h
 
 
-@jit
+@device_function
 def slowest(joint: Array, y: Array, held: bool) -> float:
     """The longest step while stuck: a tenth of a radian of the bodies' turning, or a hundredth."""
     free = joint[at.MODE] == at.BOTH_FREE

@@ -17,7 +17,7 @@ import math
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.methods.minimal import coordinates as at
 from cylconn_ros.methods.minimal.coordinates import Reduced, place, reduced
@@ -25,7 +25,7 @@ from cylconn_ros.methods.minimal.coordinates import Reduced, place, reduced
 FAST = 1e8  # rad/s: beside what it does, nothing else counts
 
 
-@inline
+@inline_function
 def _turned_back(c: float, s: float, x: Four) -> Four:
     """Two vectors across e1, from the axes of a to those that are turned by the angle of c, s."""
     return (
@@ -33,7 +33,7 @@ def _turned_back(c: float, s: float, x: Four) -> Four:
     )  # fmt: skip
 
 
-@jit
+@device_function
 def prepare(par: Array, joint: Array, y: Array) -> None:
     """Fill the constants in ``joint`` where the lean equations hold."""
     joint[at.SHAFT] = 0.0
@@ -70,13 +70,13 @@ def prepare(par: Array, joint: Array, y: Array) -> None:
     joint[at.SHAFT] = 1.0
 
 
-@inline
+@inline_function
 def _sum(joint: Array, k: int, c: float, s: float, square: float) -> float:
     row = at.TURNING + 4 * k
     return joint[row] + joint[row + 1] * c + joint[row + 2] * s + joint[row + 3] * square
 
 
-@inline
+@inline_function
 def reduced_on_shaft(joint: Array, y: Array) -> Reduced:
     """The equations of motion, the constraint's reactions in B's axes T."""
     c, s = math.cos(y[at.ANGLE]), math.sin(y[at.ANGLE])

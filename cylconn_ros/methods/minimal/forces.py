@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, Law, contact, limit
 from cylconn_ros.core.friction_disc import Solution, solve_disc
-from cylconn_ros.core.jit import inline, jit
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import Held, Two, hold, imposed_force
 from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
 from cylconn_ros.core.slip_curve import disc_problem
@@ -52,7 +52,7 @@ class Instant(NamedTuple):
     jammed: bool  # sliding on has no finite force
 
 
-@inline
+@inline_function
 def along(r: Reduced, f: float, m: float) -> Four:
     """by_f1 f + by_m1 m."""
     return (
@@ -63,13 +63,13 @@ def along(r: Reduced, f: float, m: float) -> Four:
     )
 
 
-@inline
+@inline_function
 def plus(a: Four, b: Four) -> Four:
     """A + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
 
 
-@inline
+@inline_function
 def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
     """Of springs, of dampers, and what they and actuation sum to, on slide and spin."""
     e = model.ELASTICITY
@@ -85,7 +85,7 @@ def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
     )
 
 
-@inline
+@inline_function
 def equations(par: Array, joint: Array, t: float, y: Array) -> Reduced:
     """Accelerations and reactions without springs, dampers and actuation."""
     if joint[at.SHAFT] != 0.0:
@@ -93,7 +93,7 @@ def equations(par: Array, joint: Array, t: float, y: Array) -> Reduced:
     return reduced(par, joint, y, place(par, joint, t, y))
 
 
-@inline
+@inline_function
 def pushed(r: Reduced, f: float, m: float) -> Reduced:
     """The equations with (f1, m1) = (f, m) taken in."""
     free = (
@@ -103,13 +103,13 @@ def pushed(r: Reduced, f: float, m: float) -> Reduced:
     return Reduced(free, r.s, plus(r.base, along(r, f, m)), r.by_f1, r.by_m1)
 
 
-@jit
+@device_function
 def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides) -> Instant:
     """Accelerations and forces, sliding or stuck, with the components of ``sides`` != 0 held."""
     return instant_of(par, joint, y, equations(par, joint, t, y), stuck, sides)
 
 
-@inline
+@inline_function
 def instant_of(
     par: Array, joint: Array, y: Array, r: Reduced, stuck: bool, sides: Sides
 ) -> Instant:
@@ -126,7 +126,7 @@ def instant_of(
     )
 
 
-@jit
+@device_function
 def _stuck(par: Array, r: Reduced, spring: Two, damper: Two, push: Two, sides: Sides) -> Instant:
     """At rest: friction, or what else holds a component, takes whatever keeps it there."""
     law = model.law(par)
@@ -142,7 +142,7 @@ def _stuck(par: Array, r: Reduced, spring: Two, damper: Two, push: Two, sides: S
     )  # fmt: skip
 
 
-@jit
+@device_function
 def _held(
     par: Array, y: Array, r: Reduced, spring: Two, damper: Two, push: Two, sides: Sides
 ) -> Instant:
@@ -150,7 +150,7 @@ def _held(
     return _sliding(par, y, r, spring, damper, push, hold(r.free, r.s, sides, (0.0, 0.0)))
 
 
-@inline
+@inline_function
 def _sliding(
     par: Array, y: Array, r: Reduced, spring: Two, damper: Two, push: Two, held: Held
 ) -> Instant:
@@ -182,7 +182,7 @@ def _sliding(
     )  # fmt: skip
 
 
-@jit
+@device_function
 def disc_of(
     radius: float, free: Two, s: tuple[float, float, float], base: Four, r: Reduced, held: Held,
     law: Law, par: Array, was_stick: bool,
@@ -197,7 +197,7 @@ def disc_of(
     return solve_disc(law, par, d, was_stick)
 
 
-@jit
+@device_function
 def from_rest(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, was_stick: bool
 ) -> tuple[int, Two]:
@@ -218,7 +218,7 @@ def from_rest(
     return SLIP, (found.s_end[0] / tau, found.s_end[1] / (tau * law.radius))
 
 
-@jit
+@device_function
 def carries_on(par: Array, joint: Array, t: float, y: Array, sides: Sides, a: Two) -> bool:
     """Whether the slip that begins from rest with accelerations ``a`` goes on as it begins.
 

@@ -9,7 +9,7 @@ import math
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, Law
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import Two, hold
 from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.vectors import add, add_scaled, cross, into, matrix, out_of, times
@@ -26,7 +26,7 @@ from cylconn_ros.methods.minimal.forces import Sides, along, disc_of
 BISECTIONS = 50
 
 
-@jit
+@device_function
 def apply(par: Array, joint: Array, t: float, y: Array, n: int, x: Two, friction: Two) -> None:
     """Change the rates in ``y`` by the impulse x = (f1, m1) dt; count it in the integrals."""
     p = place(par, joint, t, y)
@@ -47,7 +47,7 @@ def apply(par: Array, joint: Array, t: float, y: Array, n: int, x: Two, friction
         model.put(y, at.A_SPIN, add_scaled(a.spin, -1.0, dw))
 
 
-@jit
+@device_function
 def bring_to(
     par: Array, joint: Array, t: float, y: Array, n: int, sides: Sides, rates: Two
 ) -> None:
@@ -62,7 +62,7 @@ def bring_to(
             y[at.SLIDE + k] = rates[k]
 
 
-@jit
+@device_function
 def _bare(law: Law) -> Law:
     """The law of impulses: without FCint."""
     return Law(
@@ -71,7 +71,7 @@ def _bare(law: Law) -> Law:
     )  # fmt: skip
 
 
-@jit
+@device_function
 def _impulse(
     par: Array, y: Array, r: Reduced, k: int, eps: float, others: Sides
 ) -> tuple[Two, Two]:
@@ -94,7 +94,7 @@ def _impulse(
     return x, (f, m)
 
 
-@jit
+@device_function
 def impact(
     par: Array, joint: Array, t: float, y: Array, n: int, k: int, eps: float, others: Sides
 ) -> float:

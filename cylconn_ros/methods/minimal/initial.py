@@ -5,7 +5,7 @@ from typing import Final
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import imposed
 from cylconn_ros.core.relative_state import Observed
 from cylconn_ros.core.rigid_body import Motion
@@ -18,7 +18,7 @@ LIVE: Final = 1e-9
 OFFLINE: Final = 1e-12
 
 
-@jit
+@device_function
 def tolerance_of(par: Array, otherwise: float) -> float:
     """The tolerance of a step: what the scene's leads to, or ``otherwise`` if it states none.
 
@@ -27,7 +27,7 @@ def tolerance_of(par: Array, otherwise: float) -> float:
     return par[model.TOLERANCE] if par[model.TOLERANCE] > 0.0 else otherwise
 
 
-@jit
+@device_function
 def mode_of(par: Array) -> int:
     """Which body moves by itself, if any."""
     if par[model.BODY_A] == 0.0:
@@ -37,7 +37,7 @@ def mode_of(par: Array) -> int:
     return at.BOTH_FREE
 
 
-@jit
+@device_function
 def begin_imposed(par: Array, joint: Array, y: Array) -> None:
     """Put imposed motions into the coordinates: their position, and by an impulse their rate."""
     sides = (2 if imposed(par, 0) else 0, 2 if imposed(par, 1) else 0)
@@ -51,7 +51,7 @@ def begin_imposed(par: Array, joint: Array, y: Array) -> None:
     bring_to(par, joint, 0.0, y, n, sides, rates)
 
 
-@jit
+@device_function
 def _put_motion(a: Array, first: int, m: Motion) -> None:
     model.put(a, first, m.com)
     for k in range(4):
@@ -60,7 +60,7 @@ def _put_motion(a: Array, first: int, m: Motion) -> None:
     model.put(a, first + 10, m.spin)
 
 
-@jit
+@device_function
 def start(
     par: Array, mem: Array, sample: Array, o: Observed, hold_torque: bool, joint: Array, y: Array
 ) -> None:

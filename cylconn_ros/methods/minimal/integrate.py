@@ -7,7 +7,7 @@ import numpy as np
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import entry_that_allocates, jit
+from cylconn_ros.core.jit import allocating_kernel, device_function
 from cylconn_ros.core.joint_limits import Two, imposed
 from cylconn_ros.methods.minimal import coordinates as at
 from cylconn_ros.methods.minimal import events as motion
@@ -61,7 +61,7 @@ class Happened(NamedTuple):
     evaluations: int
 
 
-@jit
+@device_function
 def begun(
     par: Array, joint: Array, t: float, y: Array, k: Array, locked: bool, was_stick: bool,
     left: float, pause: float,
@@ -85,7 +85,7 @@ def begun(
     return taken, State(False, sides, locked, stiff, False, -math.inf)
 
 
-@jit
+@device_function
 def _imposed_rates(par: Array, s: State) -> Two:
     """The rates of slide and spin that nothing can change; 0.0 where there is none."""
     slide, spin = 0.0, 0.0
@@ -97,7 +97,7 @@ def _imposed_rates(par: Array, s: State) -> Two:
     return slide, spin
 
 
-@jit
+@device_function
 def _passing(par: Array, y: Array, locked: bool) -> float:
     """The side from which the locking component nears the lock's position; 0: it does not."""
     if par[model.LOCK] == 0.0 or locked or math.isnan(par[model.LOCK + 1]):
@@ -106,7 +106,7 @@ def _passing(par: Array, y: Array, locked: bool) -> float:
     return 1.0 if away > 0.0 else (-1.0 if away < 0.0 else 0.0)
 
 
-@jit
+@device_function
 def _struck(
     par: Array, joint: Array, t: float, y: Array, event: int, s: State, a: Two, low: float,
     floor: float,
@@ -138,7 +138,7 @@ def _struck(
     return s.locked, motion.IMPACTS, impact(par, joint, t, y, n, k, eps, s.sides)
 
 
-@jit
+@device_function
 def _longest(
     par: Array, joint: Array, t: float, i: Instant, y: Array, s: State, slowing: float
 ) -> float:
@@ -158,7 +158,7 @@ def _longest(
     return longest
 
 
-@jit
+@device_function
 def _hops(par: Array, i: Instant, y: Array, s: State, low: float) -> bool:
     """End the rate of what leaves a stop to be back before it is ``low`` off; whether there is."""
     found = False
@@ -172,7 +172,7 @@ def _hops(par: Array, i: Instant, y: Array, s: State, low: float) -> bool:
     return found
 
 
-@jit
+@device_function
 def _rest(
     par: Array, joint: Array, t: float, y: Array, k: Array, i: Instant, slowing: float
 ) -> float:
@@ -187,7 +187,7 @@ def _rest(
     return h
 
 
-@jit
+@device_function
 def _slowing(par: Array, i: Instant, y: Array) -> float:
     """-d|s|/dt of friction's slip velocity; 0 where there is no friction."""
     law = model.law(par)
@@ -197,7 +197,7 @@ def _slowing(par: Array, i: Instant, y: Array) -> float:
     return -(y[at.SLIDE] * i.acceleration[0] + turning) / i.slip
 
 
-@jit
+@device_function
 def _first_event(
     par: Array, joint: Array, t: float, y: Array, h: float, s: State, slip: float, passing: float,
     k: Array, new: Array, system: Array, before: Array, seen: Array,
@@ -216,7 +216,7 @@ def _first_event(
     return event, least
 
 
-@jit
+@device_function
 def _least(par: Array, i: Instant, tolerance: float) -> float:
     """The step below which there is none: slip does not change in it, or does not move anything."""
     radius = model.law(par).radius
@@ -227,14 +227,14 @@ def _least(par: Array, i: Instant, tolerance: float) -> float:
     return max(1e-12 * change, min(1e-6 * change, 1e-3 * tolerance / i.slip))
 
 
-@jit
+@device_function
 def _changed(s: State, strained: int, strain: float) -> State:
     """The state with the method that fits the stiffness."""
     change = strained >= PATIENCE if not s.stiff else strain <= RELAXED
     return State(s.stuck, s.sides, s.locked, s.stiff != change, s.held, s.until)
 
 
-@jit
+@device_function
 def _stepped(
     par: Array, joint: Array, y: Array, end: float, tolerance: float, low: float, g: Going,
     k: Array, new: Array, system: Array, before: Array, seen: Array,
@@ -283,7 +283,7 @@ def _stepped(
     return going, Happened(kind, locked, restitution, tried.evaluations)
 
 
-@jit
+@device_function
 def _followed(
     par: Array, joint: Array, y: Array, end: float, low: float, g: Going, what: Happened,
     log: Array, count: int, k: Array,
@@ -310,7 +310,7 @@ def _followed(
     return Going(t + taken, i, s, h, (0.0, 0.0), 0, 0.0, g.floor), count
 
 
-@entry_that_allocates
+@allocating_kernel
 def integrate(
     par: Array, joint: Array, y: Array, t: float, end: float, tolerance: float, first: float,
     locked: bool, was_stick: bool, log: Array, count: int, most: int,

@@ -16,7 +16,7 @@ import numpy as np
 from cylconn_ros.core import layout as out_at
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import imposed
 from cylconn_ros.core.relative_state import Observed, observe
 from cylconn_ros.methods.complementarity import Solved, reactions
@@ -32,7 +32,7 @@ MOST_STEPS = 200  # within a period: beyond them, the impulse method's answer
 MOST_EVENTS = 8
 
 
-@jit
+@device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
     o = observe(par, mem, sample, out)
@@ -68,7 +68,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return flags
 
 
-@jit
+@device_function
 def _mean(
     par: Array, mem: Array, o: Observed, av: Available, y: Array, n: int, h: float
 ) -> Available:
@@ -92,7 +92,7 @@ def _mean(
     )
 
 
-@jit
+@device_function
 def _write_means(par: Array, out: Array, av: Available, normal: float) -> None:
     """The mean FN, which is greater than that of mean reactions that turn."""
     out[out_at.NORMAL_FORCE] = normal
@@ -101,7 +101,7 @@ def _write_means(par: Array, out: Array, av: Available, normal: float) -> None:
         out[out_at.FRICTION_COEFFICIENT] = traction / normal
 
 
-@jit
+@device_function
 def _keep_place(mem: Array, out: Array, y: Array, log: Array, ran: Ran, h: float) -> None:
     """Stick where the motion came to rest, not where the held wrench leaves the bodies."""
     mem[model.HELD_LENGTH], mem[model.HELD_ANGLE] = y[at.LENGTH], y[at.ANGLE]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import Two
 from cylconn_ros.methods.minimal import coordinates as at
 from cylconn_ros.methods.minimal.derivatives import rates_of_stage, size_of
@@ -36,7 +36,7 @@ class Tried(NamedTuple):
     evaluations: int
 
 
-@jit
+@device_function
 def step(
     par: Array, joint: Array, t: float, y: Array, h: float, s: State, slip: float, k: Array,
     new: Array, system: Array,
@@ -66,7 +66,7 @@ def step(
     return True
 
 
-@jit
+@device_function
 def _error(y: Array, new: Array, k: Array, h: float, n: int, tolerance: float, slow: Two) -> float:
     """The estimated error of a step over what is allowed: Hairer's mixture of orders 5 and 3."""
     fifth, third = 0.0, 0.0
@@ -85,7 +85,7 @@ def _error(y: Array, new: Array, k: Array, h: float, n: int, tolerance: float, s
     return abs(h) * fifth / math.sqrt((fifth + 0.01 * third) * n)
 
 
-@jit
+@device_function
 def stiffness_shown(h: float, slip: float, radius: float, k: Array) -> float:
     """How fast friction pulls the direction of slip into place, 1/s, as an explicit step shows it.
 
@@ -104,7 +104,7 @@ def stiffness_shown(h: float, slip: float, radius: float, k: Array) -> float:
     return math.sqrt(a * a + (radius * b) ** 2) / apart
 
 
-@jit
+@device_function
 def ahead(
     par: Array, joint: Array, t: float, y: Array, h: float, s: State, slip: float,
     least: float, floor: float, tolerance: float, before: Two, k: Array, new: Array,

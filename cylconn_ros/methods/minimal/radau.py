@@ -14,7 +14,7 @@ import math
 from typing import Final
 
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import jit
+from cylconn_ros.core.jit import device_function
 from cylconn_ros.methods.minimal import coordinates as at
 from cylconn_ros.methods.minimal.derivatives import rates_at
 from cylconn_ros.methods.minimal.forces import Sides
@@ -38,7 +38,7 @@ ITERATIONS = 15
 Jacobian = tuple[float, float, float, float]
 
 
-@jit
+@device_function
 def jacobian(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, slip: float, radius: float,
     k: Array,
@@ -55,7 +55,7 @@ def jacobian(
     return (k[F, at.SLIDE], k[F + 1, at.SLIDE], k[F, at.SPIN], k[F + 1, at.SPIN])
 
 
-@jit
+@device_function
 def stiffness(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, slip: float, radius: float,
     k: Array,
@@ -66,7 +66,7 @@ def stiffness(
     return math.sqrt(j[0] * j[0] + across + j[3] * j[3])
 
 
-@jit
+@device_function
 def _solve6(m: Array) -> None:
     """Solve the 6x6 system of m (6, 7), in place: the solution is its last column."""
     for p in range(6):
@@ -85,7 +85,7 @@ def _solve6(m: Array) -> None:
         m[p, 6] /= m[p, p]
 
 
-@jit
+@device_function
 def _newton(
     y: Array, h: float, j: Jacobian, slip: float, radius: float, k: Array, size: int, system: Array
 ) -> float:
@@ -119,7 +119,7 @@ def _newton(
     return change
 
 
-@jit
+@device_function
 def stiff_step(
     par: Array, joint: Array, t: float, y: Array, h: float, sides: Sides, slip: float,
     radius: float, k: Array, new: Array, system: Array,
@@ -160,7 +160,7 @@ def stiff_step(
     return True
 
 
-@jit
+@device_function
 def stiff_error(
     y: Array, new: Array, k: Array, n: int, tolerance: float, slow: tuple[float, float]
 ) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from cylconn_ros.connector import batch
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import COMPILED, call, entry, jit
+from cylconn_ros.core.jit import COMPILED, call, device_function, kernel
 from cylconn_ros.messages import prefix_decoder_lane
 from cylconn_ros.messages.prefix_decoder_lane import (
     COMPLETE,
@@ -51,21 +51,21 @@ _NO_TRAY = Tray(0, np.zeros((2, 1), np.int64)).arrays
 _AT_ONCE = 4  # samples, while recording
 
 
-@jit
+@device_function
 def _now(addresses: Any, clock: Any) -> float:
     """Seconds on the steady clock."""
     call(addresses[rcl.CLOCK], _MONOTONIC, addresses[rcl.NUMBERS], 0, 0)
     return clock[0] + 1e-9 * clock[1]
 
 
-@jit
+@device_function
 def _time_of_day(addresses: Any, clock: Any) -> int:
     """Nanoseconds since the epoch."""
     call(addresses[rcl.CLOCK], _REAL, addresses[rcl.NUMBERS], 0, 0)
     return clock[0] * 1_000_000_000 + clock[1]
 
 
-@jit
+@device_function
 def _is_heard(k: int, addresses: Any, clock: Any, publishers: Any) -> bool:
     """Whether message ``k`` of an answer is published: a wrench always, the rest where heard."""
     if k < _WRENCHES:
@@ -75,7 +75,7 @@ def _is_heard(k: int, addresses: Any, clock: Any, publishers: Any) -> bool:
     return clock[0] != 0
 
 
-@entry
+@kernel
 def _serve(
     told: Any, addresses: Any, info: Any, clock: Any,
     subscriptions: Any, streams: Any, expected: Any, boxes: Any, inbox: Any,
