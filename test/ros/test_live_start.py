@@ -85,7 +85,7 @@ def test_compiling_is_announced_before_it_begins(name, node, physics, monkeypatc
 ENTRY = """
 from cylconn_ros.core.jit import is_ready, kernel
 
-@entry
+@kernel
 def step(x: float) -> float:
     return x + 1.0
 
