@@ -1,20 +1,22 @@
-# One command each; `make` alone lists them. Everything is kept in .venv and build folders of this clone.
+# Targets of this repository; `make` alone lists them. They write only to .venv and build folders of this clone.
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench prepare clean
+.PHONY: help demo test bench docs prepare clean
 
-# .venv is complete in itself: nothing of a sourced ROS installation or an active environment may leak in.
+# .venv is self-contained: variables of a sourced ROS installation or an active environment must not affect it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH AMENT_CURRENT_PREFIX CMAKE_PREFIX_PATH \
   COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION ROS_DISTRO VIRTUAL_ENV \
   PIP_PREFIX PIP_TARGET PIP_USER MAKEFLAGS
 
 help:
-	@echo "make demo    build what is needed, run plant and connector over ROS 2 topics, judge the run"
-	@echo "make test    build what is needed, check format, lint and types, run all tests"
-	@echo "make bench   build what is needed, measure everybody and draw: half an hour, into bench/"
-	@echo "make prepare only build what is needed, with all tools, in .venv"
-	@echo "make clean   remove .venv and everything built (recorded runs stay)"
+	@echo "make demo     run plant and connector over ROS 2 topics and check the recorded run"
+	@echo "make test     check format, lint and types, run all tests"
+	@echo "make bench    measure all methods and other simulators, half an hour; results in bench/"
+	@echo "make docs     build the documentation site into build/docs"
+	@echo "make prepare  only install what the others need, with all tools, into .venv"
+	@echo "make clean    remove .venv and everything built (recorded runs stay)"
 	@echo
-	@echo "PYTHON=python3.12 chooses the Python (3.10 to 3.13); ARGS=\"...\" goes to cylconn demo, bench precision or pytest."
+	@echo "Each target installs what it needs into .venv; 'source .venv/bin/activate' puts cylconn on your PATH."
+	@echo "PYTHON=python3.12 selects the Python (3.10 to 3.13); ARGS=\"...\" goes to cylconn demo, bench precision or pytest."
 
 demo:
 	@sh scripts/prepare.sh demo
@@ -29,6 +31,11 @@ bench:
 	@.venv/bin/cylconn bench precision -o bench/precision-$$(date -u +%Y%m%dT%H%M%SZ).json \
 	  --pictures bench $(ARGS)
 	@.venv/bin/cylconn bench model -o bench/model-$$(date -u +%Y%m%dT%H%M%SZ).json
+
+docs:
+	@sh scripts/prepare.sh docs
+	@.venv/bin/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "open build/docs/index.html"
 
 prepare:
 	@sh scripts/prepare.sh test

@@ -49,14 +49,17 @@ FAST = ["numba>=0.59"]
 DEMO = [*FAST, "matplotlib>=3.8", "scipy>=1.11"]
 BENCH = [*DEMO, "mujoco>=3.1"]
 PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; python_version < '3.12'"]
+DOCS = ["furo>=2024.8", "myst-parser>=4", "sphinx>=8.1"]
 TEST = [
     *BENCH,
+    *DOCS,
     "colcon-common-extensions",
     "hypothesis>=6.100",
     "mcap-ros2-support>=0.5",
     # What these find differs between versions, and NumPy's types do: one that every Python has.
     "mypy==2.4.*",
     "numpy==2.2.*",
+    "pandas>=2.2",
     "pytest>=8",
     "rosbags>=0.10",
     "ruff==0.17.*",
@@ -231,7 +234,14 @@ setup(
     package_dir={"": "."},
     package_data={NAME: ["py.typed"]},
     install_requires=[*ROS, "mcap>=1.1", "numpy>=1.26", "pyyaml>=6", "zstandard>=0.22"],
-    extras_require={"fast": FAST, "demo": DEMO, "bench": BENCH, "peers": PEERS, "test": TEST},
+    extras_require={
+        "fast": FAST,
+        "demo": DEMO,
+        "bench": BENCH,
+        "peers": PEERS,
+        "docs": DOCS,
+        "test": TEST,
+    },
     entry_points={
         "console_scripts": [
             f"connector = {NAME}.ros.connector.node:main",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class CylconnError(Exception):
     """Base of all errors that this package raises; the message is a sentence for the user."""
@@ -21,3 +23,16 @@ class IdentifyError(CylconnError):
 
 class RecordingError(CylconnError):
     """A run cannot be written or read; the message names the file or topic and the reason."""
+
+
+class ProcessError(CylconnError, RuntimeError):
+    """A child process does not start, ends early or does not respond; the message says which."""
+
+
+class UnknownNameError(CylconnError, KeyError):
+    """A field or topic of this name does not exist; the message lists the names."""
+
+    def __init__(self, name: str, names: Iterable[str]) -> None:
+        super().__init__(f"{name}: no such name; there are {', '.join(names) or 'none'}")
+
+    __str__ = Exception.__str__  # KeyError's shows the text in quotes

@@ -1,4 +1,4 @@
-"""A connector on your own topics: ros2 launch cylconn_ros connector.launch.py params_file:=…."""
+"""Launch a connector on your topics: ros2 launch cylconn_ros connector.launch.py params_file:=…."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -10,7 +10,7 @@ EXAMPLE = PathJoinSubstitution([FindPackageShare("cylconn_ros"), "config", "conn
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start the node, which activates itself unless its parameter autostart is false."""
+    """Start the node; it activates itself unless the parameter autostart is false."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

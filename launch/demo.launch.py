@@ -1,4 +1,4 @@
-"""Plant and connector on one scene file, in lock step; the plant's end ends all."""
+"""Launch plant and connector on one scene file, in lock step; ends with the plant."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, Shutdown

@@ -1,4 +1,4 @@
-"""Search for bytes that break the node, led by the branches they reach; needs pip install atheris.
+"""Coverage-guided search for input bytes that break a decoder; requires ``pip install atheris``.
 
 python scripts/fuzz.py cdr|scene [arguments of atheris: -max_total_time=600 DIR]
 """
@@ -9,19 +9,20 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-LED_BY = ["cylconn_ros.ros", "cylconn_ros.connector", "yaml"]  # not by what is compiled
+# Packages whose branches guide the search; compiled code cannot be instrumented.
+INSTRUMENTED = ["cylconn_ros.messages", "cylconn_ros.scene", "yaml"]
 
 
 def main() -> None:
-    """Let atheris search until it is told to end."""
+    """Run atheris until its time or number of runs is reached."""
     root = Path(__file__).resolve().parent.parent
     sys.path[:0] = [str(root), str(root / "test")]
     atheris: Any = importlib.import_module("atheris")
-    with atheris.instrument_imports(include=LED_BY):
+    with atheris.instrument_imports(include=INSTRUMENTED):
         fuzzing = importlib.import_module("fuzzing")
-    what = sys.argv.pop(1)
+    target = sys.argv.pop(1)
     with tempfile.TemporaryDirectory() as folder:
-        atheris.Setup(sys.argv, fuzzing.targets(Path(folder))[what])
+        atheris.Setup(sys.argv, fuzzing.targets(Path(folder))[target])
         atheris.Fuzz()
 
 

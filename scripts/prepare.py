@@ -27,7 +27,8 @@ BUILD_FILES = ("CMakeLists.txt", "package.xml", "pyproject.toml", "setup.py")
 BUILD_FOLDERS = ("cmake", "config", "dashboards", "launch", "msg")
 EXTRAS = {  # what preparing for one also serves
     "demo": ("demo",),
-    "test": ("demo", "test"),
+    "docs": ("docs",),
+    "test": ("demo", "docs", "test"),
     "bench": ("demo", "bench", "peers"),
 }
 

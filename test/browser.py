@@ -1,6 +1,7 @@
-"""A real browser without a window, driven over its DevTools pipe: no port, no driver program.
+"""Headless Chromium, controlled over its DevTools pipe, without a port or a driver program.
 
-Chromium reads JSON commands from file descriptor 3 and answers on 4, each ended by a zero byte.
+Chromium reads JSON commands from file descriptor 3 and writes responses and events to 4; each ends
+with a zero byte.
 """
 
 from __future__ import annotations
@@ -31,11 +32,18 @@ FLAGS = (
     "--hide-scrollbars",
     "--remote-debugging-pipe",
 )
-PATIENCE = 120.0  # s, for an answer; a machine under load is slow
+TIMEOUT = 120.0  # s, for a response, on a machine under load
 
 
 class Page:
-    """One page; ``problems`` are its errors and what it wrote to the console as such."""
+    """One page.
+
+    Attributes
+    ----------
+        problems: errors and warnings of the page and its console.
+        requests: URLs that the page requested.
+        events: names of the DevTools events.
+    """
 
     def __init__(self, write: int, read: int) -> None:
         self._write, self._read = write, read
@@ -52,7 +60,7 @@ class Page:
             self.send(f"{domain}.enable")
 
     def send(self, method: str, **parameters: Any) -> Any:
-        """Send a command and wait for its answer."""
+        """Send a command; return its result."""
         self._number += 1
         command: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
         if self._session:
@@ -65,7 +73,7 @@ class Page:
                 return message["result"]
 
     def open(self, path: Path, width: int = 1400, height: int = 1000, dark: bool = False) -> float:
-        """Load a file; returns the seconds until it is drawn, by the page's own clock."""
+        """Load a file; return the time until it is drawn, s, from the page's own clock."""
         self.send(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -83,32 +91,32 @@ class Page:
         return self.run(drawn + "setTimeout(() => done(performance.now() / 1000), 0))))")
 
     def run(self, expression: str) -> Any:
-        """Value of an expression in the page; of a promise, what it comes to."""
+        """Evaluate an expression in the page; return its value, of a promise the resolved one."""
         found = self.send(
             "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
         )
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def settle(self) -> None:
-        """Wait until what was asked for is drawn."""
+    def wait_for_drawing(self) -> None:
+        """Wait until pending changes are drawn."""
         frame = "requestAnimationFrame(() => "
         self.run(f"new Promise((done) => {frame}{frame}done())))")
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """Move, press or release the mouse at a place in the window."""
+        """Send a mouse event at a point of the window."""
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
     def screenshot(self, path: Path, whole: bool = False) -> None:
-        """Save a picture (PNG) of the window, or of the whole page."""
+        """Save a screenshot (PNG) of the window, or of the whole page."""
         found = self.send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(found["data"]))
 
     def _receive(self) -> dict[str, Any]:
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._read], [], [], max(0.0, end - time.monotonic()))
-            assert ready, f"the browser did not answer within {PATIENCE:g} s"
+            assert ready, f"no response of the browser within {TIMEOUT:g} s"
             data = os.read(self._read, 1 << 20)
             assert data, "the browser ended"
             self._buffer += data
@@ -130,7 +138,7 @@ class Page:
 
 
 def find_browser() -> str:
-    """Path of the browser on this machine; fails, saying what to install, where there is none."""
+    """Return the path of the browser; fail with the package to install if there is none."""
     names = [os.environ["CYLCONN_BROWSER"]] if "CYLCONN_BROWSER" in os.environ else list(NAMES)
     found = [path for path in map(shutil.which, names) if path]
     assert found, (
@@ -142,19 +150,19 @@ def find_browser() -> str:
 
 @contextmanager
 def browser(directory: Path) -> Iterator[Page]:
-    """Start a browser with an empty profile in ``directory`` and open a page; end it after."""
+    """Start a browser with an empty profile in ``directory``, and open a page."""
     command_read, command_write = os.pipe()
-    answer_read, answer_write = os.pipe()
+    response_read, response_write = os.pipe()
 
-    def place() -> None:  # in the child: where Chromium looks for them
-        low, high = os.dup(command_read), os.dup(answer_write)
+    def set_descriptors() -> None:  # runs in the child
+        low, high = os.dup(command_read), os.dup(response_write)
         os.dup2(low, 3)
         os.dup2(high, 4)
 
     log = (directory / "browser.log").open("wb")
     process = subprocess.Popen(
         [find_browser(), *FLAGS, f"--user-data-dir={directory / 'profile'}"],
-        preexec_fn=place,
+        preexec_fn=set_descriptors,
         pass_fds=(3, 4),
         stdin=subprocess.DEVNULL,
         stdout=log,
@@ -162,12 +170,12 @@ def browser(directory: Path) -> Iterator[Page]:
         start_new_session=True,
     )
     os.close(command_read)
-    os.close(answer_write)
+    os.close(response_write)
     try:
-        yield Page(command_write, answer_read)
+        yield Page(command_write, response_read)
     finally:
         os.close(command_write)  # the browser ends with its pipe
-        os.close(answer_read)
+        os.close(response_read)
         try:
             process.wait(20)
         except subprocess.TimeoutExpired:

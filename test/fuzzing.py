@@ -1,4 +1,4 @@
-"""What must hold for any bytes: for hypothesis (test_fuzz.py) and a fuzzer (scripts/fuzz.py)."""
+"""Checks for arbitrary bytes, used by hypothesis (test_fuzz.py) and a fuzzer (scripts/fuzz.py)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from cylconn_ros.errors import SceneError
 from cylconn_ros.messages import cdr_decoder, joint_command
 from cylconn_ros.messages.cdr_encoder import JointStateWriter, OdometryWriter, StampedWriter
-from cylconn_ros.messages.pipeline import COMMAND, Answering
+from cylconn_ros.messages.pipeline import COMMAND, MessagePipeline
 from cylconn_ros.scene.parameter_file import dump, load_parameters, scene_part
 from cylconn_ros.scene.scene import Scene, several
 
@@ -31,7 +31,7 @@ SCENE = {
 
 
 def messages(stamp: int) -> dict[str, bytes]:
-    """A good message of every kind that is read."""
+    """A valid message of every input."""
     pose, six = np.array([0.2, 0, 0, 0, 0, 0, 1.0]), np.arange(6.0) * 0.1
     return {
         "body_b/pose": StampedWriter("world", 7).write(stamp, pose),
@@ -53,18 +53,18 @@ READERS: dict[str, Callable[[bytes], Any]] = {
 }
 
 
-def damaged(data: bytes, orders: bytes) -> bytes:
-    """A message changed as ``orders`` say, three bytes each: what, where, with what."""
+def damaged(data: bytes, changes: bytes) -> bytes:
+    """A message with ``changes``, three bytes each: kind of change, offset, value."""
     found = bytearray(data)
-    for what, where, value in zip(orders[::3], orders[1::3], orders[2::3], strict=False):
-        at = where % max(len(found), 1)
-        if what % 5 == 0:
+    for kind, offset, value in zip(changes[::3], changes[1::3], changes[2::3], strict=False):
+        at = offset % max(len(found), 1)
+        if kind % 5 == 0:
             found[at : at + 1] = bytes([value])
-        elif what % 5 == 1:
+        elif kind % 5 == 1:
             del found[at:]
-        elif what % 5 == 2:
+        elif kind % 5 == 2:
             found += bytes(value)
-        elif what % 5 == 3:
+        elif kind % 5 == 3:
             found[at : at + 4] = struct.pack("<I", (value << 24) | value)
         else:
             number = (math.nan, math.inf, -math.inf, 1e308, 5e-324, -1e-300, 0.0)[value % 7]
@@ -72,8 +72,8 @@ def damaged(data: bytes, orders: bytes) -> bytes:
     return bytes(found)
 
 
-def reading(data: bytes) -> None:
-    """Any bytes are a message or a CdrError; what is a message is read within its bytes."""
+def check_decoders(data: bytes) -> None:
+    """Any bytes are decoded or raise CdrError; a decoded pose can be encoded and decoded again."""
     for read in (*READERS.values(), cdr_decoder.read_stamp):
         with contextlib.suppress(cdr_decoder.CdrError):
             read(data)
@@ -86,7 +86,7 @@ def reading(data: bytes) -> None:
         found = READERS[kind](near)
     except cdr_decoder.CdrError:
         return
-    if kind == "body_b/pose" and near[:4] == b"\x00\x01\x00\x00":  # read again from what it says
+    if kind == "body_b/pose" and near[:4] == b"\x00\x01\x00\x00":  # little endian
         again = StampedWriter(found.frame, 7).write(found.stamp, np.array(found.values))
         if "�" not in found.frame and "\0" not in found.frame:
             assert repr(cdr_decoder.read_pose(again)) == repr(found)
@@ -97,36 +97,36 @@ def _scene() -> Scene:
     return Scene.from_parameters(SCENE)
 
 
-class Served:
-    """A connector that has answered a sample and is then sent anything."""
+class PipelineUnderTest:
+    """A message pipeline that gets arbitrary messages after a valid sample."""
 
     def __init__(self) -> None:
-        self.answering = Answering(_scene())
+        self.pipeline = MessagePipeline(_scene())
 
-    def serve(self, data: bytes) -> None:
-        """Take messages as ``data`` says: nothing raises, and every wrench is finite."""
-        answering, stamp = self.answering, 1
-        answering.reset()
-        names = [name for name in messages(0) if name in answering.inputs]
+    def process(self, data: bytes) -> None:
+        """Process messages that ``data`` defines: nothing raises, and every wrench is finite."""
+        pipeline, stamp = self.pipeline, 1
+        pipeline.reset()
+        names = [name for name in messages(0) if name in pipeline.inputs]
         for name in names:
-            self._take(name, messages(0)[name])
+            self._receive(name, messages(0)[name])
         while data:
-            head, orders, data = data[0], data[1 : 1 + 3 * (data[0] >> 5)], data[1 + 21 :]
+            head, changes, data = data[0], data[1 : 1 + 3 * (data[0] >> 5)], data[1 + 21 :]
             name = names[head % len(names)]
             stamp += head >> 4 & 1
-            self._take(name, damaged(messages(stamp * MS)[name], orders))
-        assert not answering.health.failed, answering.health.failure
+            self._receive(name, damaged(messages(stamp * MS)[name], changes))
+        assert not pipeline.health.failed, pipeline.health.failure
 
-    def _take(self, name: str, data: bytes) -> None:
-        answer = self.answering.inputs[name].receive(data)
-        if answer is not None:
-            for wrench in (answer.wrench_a, answer.wrench_b):
+    def _receive(self, name: str, data: bytes) -> None:
+        response = self.pipeline.inputs[name].receive(data)
+        if response is not None:
+            for wrench in (response.wrench_a, response.wrench_b):
                 values = cdr_decoder.read_wrench(wrench).values
                 assert all(map(math.isfinite, values)), values
 
 
-def parameter_file(text: str, folder: Path) -> None:
-    """Any file is refused with a SceneError, or is scenes that can be written and read again."""
+def check_parameter_file(text: str, folder: Path) -> None:
+    """Any file raises SceneError, or gives scenes that can be written and read again."""
     file = folder / "parameters.yaml"
     file.write_text(text, encoding="utf-8", errors="surrogateescape")
     try:
@@ -139,8 +139,8 @@ def parameter_file(text: str, folder: Path) -> None:
 
 
 def targets(folder: Path) -> dict[str, Callable[[bytes], None]]:
-    """What takes any bytes, by name; a fuzzer's counters do not go with what is compiled."""
+    """Checks by name; without compiled code, which the fuzzer cannot instrument."""
     return {
-        "cdr": reading,
-        "scene": lambda data: parameter_file(data.decode("utf-8", "surrogateescape"), folder),
+        "cdr": check_decoders,
+        "scene": lambda data: check_parameter_file(data.decode("utf-8", "surrogateescape"), folder),
     }

@@ -1,4 +1,4 @@
-"""Recorded runs of live loops, compared with the loop in process."""
+"""Recorded runs of live loops, compared with the same loop in one process."""
 
 import numpy as np
 from paths import CONFIG
@@ -6,7 +6,7 @@ from ros_processes import parameters
 
 from cylconn_ros.core import layout
 from cylconn_ros.messages import cdr_decoder
-from cylconn_ros.messages.pipeline import Answering
+from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.recording.run import Run
 from cylconn_ros.scene.scene import Scene
 
@@ -19,24 +19,25 @@ def scene_arguments(name: str, *rules: str) -> list[str]:
 
 
 def states(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps, and the state blocks as in OUT."""
+    """Stamps, and the states as in OUT."""
     table = run.state
     columns = [np.reshape(table[name], (len(table), -1)) for name, _ in layout.STATE_FIELDS]
     return table.stamp, np.hstack(columns)
 
 
 def assert_replayed(run: Run, scene: Scene) -> None:
-    """Assert that what was recorded as received gives again what was recorded as published."""
-    answering = Answering(scene)
-    wanted = {run.topic(name.removeprefix("~/")): take for name, take in answering.inputs.items()}
-    arrivals = [
+    """Assert that the recorded inputs, processed again, give the recorded wrenches."""
+    pipeline = MessagePipeline(scene)
+    inputs = {run.topic(name.removeprefix("~/")): one for name, one in pipeline.inputs.items()}
+    received = [
         (log_time, order, topic, data)
-        for order, topic in enumerate(wanted)
+        for order, topic in enumerate(inputs)
         for log_time, _, data in run.raw(topic)
     ]
-    answers = [wanted[topic].receive(data) for _, _, topic, data in sorted(arrivals)]
-    replayed = [answer for answer in answers if answer is not None]
+    responses = [inputs[topic].receive(data) for _, _, topic, data in sorted(received)]
     for body in ("a", "b"):
         recorded = [data for _, _, data in run.raw(run.topic(f"body_{body}/wrench"))]
-        answered = [getattr(answer, f"wrench_{body}") for answer in replayed]
-        assert [data for data in recorded if any(cdr_decoder.read_wrench(data).values)] == answered
+        nonzero = [data for data in recorded if any(cdr_decoder.read_wrench(data).values)]
+        assert nonzero == [
+            getattr(response, f"wrench_{body}") for response in responses if response is not None
+        ]

@@ -1,4 +1,4 @@
-"""What the live tests need: programs as processes, and a foreign node to talk to them."""
+"""Helpers of the live tests: programs as processes, and a ROS node as their peer."""
 
 import os
 import signal
@@ -13,14 +13,20 @@ from typing import Any
 
 import rclpy
 from cylconn_ros.msg import ConnectorState
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-PATIENCE = 180.0  # s of wall clock for anything to happen, compiling too: nothing judges speed
+from cylconn_ros.messages.pipeline import MessagePipeline
+from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor
+from cylconn_ros.ros.connector.diagnostics_encoder import encode_diagnostics
+from cylconn_ros.ros.connector.recorder import Recorder
+
+PATIENCE = 180.0  # s of wall clock, long enough for compiling: no test depends on speed
 LEAST = (
     "node_a.orientation:=[0, 0, 0, 1]",
     "body_b.mass:=2.0",
@@ -29,7 +35,7 @@ LEAST = (
 
 
 def parameters(*rules: str, least: bool = True) -> list[str]:
-    """Arguments that set parameters, of the least scene unless told otherwise."""
+    """Arguments that set parameters, in addition to the smallest scene if ``least``."""
     arguments = ["--ros-args"]
     for rule in (*(LEAST if least else ()), *rules):
         arguments += ["-p", rule]
@@ -37,7 +43,7 @@ def parameters(*rules: str, least: bool = True) -> list[str]:
 
 
 class Program:
-    """A running program; its output is kept as lines."""
+    """A running program; ``lines`` holds its output."""
 
     def __init__(self, command: Sequence[str | Path], directory: Path) -> None:
         self.lines: list[str] = []
@@ -69,7 +75,7 @@ class Program:
                 if text in line:
                     return line
             time.sleep(0.01)
-        raise AssertionError(f"waited {PATIENCE} s in vain for {text!r}")
+        raise AssertionError(f"no {text!r} within {PATIENCE} s")
 
     def wait(self) -> int:
         """Wait for its end and return the exit code."""
@@ -78,19 +84,19 @@ class Program:
         return code
 
     def stop(self, number: int = signal.SIGINT) -> int:
-        """End it in order and return the exit code."""
+        """Send a signal and return the exit code."""
         self.process.send_signal(number)
         return self.wait()
 
 
 @contextmanager
 def program(command: Sequence[str | Path], directory: Path) -> Iterator[Program]:
-    """Run a program for the length of a block; it does not outlive the block."""
+    """Run a program during a block; it ends with the block."""
     running = Program(command, directory)
     try:
         yield running
     except BaseException:
-        print(f"{command[0]} (exit code {running.process.poll()}) said:\n{running.output}")
+        print(f"{command[0]} (exit code {running.process.poll()}) printed:\n{running.output}")
         raise
     finally:
         if running.process.poll() is None:
@@ -103,7 +109,7 @@ def program(command: Sequence[str | Path], directory: Path) -> Iterator[Program]
 
 
 def installed(prefix: Path, name: str) -> list[str | Path]:
-    """The command of an installed executable, as `ros2 run` finds it."""
+    """Command of an installed executable, as found by `ros2 run`."""
     return [prefix / "lib" / "cylconn_ros" / name]
 
 
@@ -113,7 +119,7 @@ def module(name: str) -> list[str | Path]:
 
 
 class Peer:
-    """A foreign node: ordinary messages, ordinary executor."""
+    """A node that uses message objects and an executor of rclpy."""
 
     def __init__(self) -> None:
         self.context = rclpy.Context()
@@ -128,19 +134,19 @@ class Peer:
         rclpy.shutdown(context=self.context)
 
     def collect(self, kind: Any, topic: str, qos: QoSProfile | int = 50) -> list[Any]:
-        """Subscribe; messages are appended to the list as they come."""
+        """Subscribe; received messages are appended to the returned list."""
         received: list[Any] = []
         self.node.create_subscription(kind, topic, received.append, qos)
         return received
 
     def spin_until(self, condition: Callable[[], Any], what: str = "") -> Any:
-        """Spin until the condition holds and return what it gave."""
+        """Spin until the condition is true and return its value."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             if result := condition():
                 return result
             self.executor.spin_once(timeout_sec=0.05)
-        raise AssertionError(f"waited {PATIENCE} s in vain{': ' if what else ''}{what}")
+        raise AssertionError(f"no {what or 'result'} within {PATIENCE} s")
 
     def spin_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -158,7 +164,7 @@ class Peer:
 
 
 class Source:
-    """The motion of body B from a foreign publisher, in either form."""
+    """Publish the motion of body B, as pose and twist or as odometry."""
 
     def __init__(
         self, peer: Peer, form: str = "pose_twist", prefix: str = "", qos: Any = 50
@@ -175,7 +181,7 @@ class Source:
             ]
 
     def wait(self) -> None:
-        """Wait until somebody listens."""
+        """Wait for the subscriptions."""
         self.peer.spin_until(
             lambda: all(p.get_subscription_count() for p in self.publishers), "a subscriber"
         )
@@ -187,7 +193,7 @@ class Source:
         orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
         velocity: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Send one sample with a stamp in ns; the velocity is in world axes."""
+        """Publish a sample with a stamp in ns; the velocity is in world axes."""
         if self.form == "odometry":
             message = Odometry(child_frame_id="body_b")
             parts = [(message, message.pose.pose, message.twist.twist)]
@@ -208,7 +214,7 @@ class Source:
 
 
 class Listener:
-    """Everything a connector publishes about samples."""
+    """Subscriptions to all outputs of a connector."""
 
     def __init__(self, peer: Peer, prefix: str = "", name: str = "connector") -> None:
         self.peer = peer
@@ -222,21 +228,21 @@ class Listener:
         for received in (self.a, self.b, self.states, self.joints):
             received.clear()
 
-    def answer(self, source: Source, stamp: int, **motion) -> WrenchStamped:
-        """Send a sample until it is answered; the wrench on B."""
+    def exchange(self, source: Source, stamp: int, **motion) -> WrenchStamped:
+        """Publish a sample until its wrench arrives; return the wrench on B."""
         source.wait()
 
-        def answered():
+        def received():
             found = [wrench for wrench in self.b if stamp_of(wrench) == stamp]
             if not found:
                 source.send(stamp, **motion)
                 self.peer.spin_for(0.05)
             return found
 
-        return self.peer.spin_until(answered, f"the answer to {stamp}")[0]
+        return self.peer.spin_until(received, f"wrench for {stamp}")[0]
 
     def status(self, part: str) -> tuple[int, str, dict[str, str]]:
-        """The newest diagnostics about a part: level, message, values."""
+        """Level, message and values of a part in the newest diagnostics."""
         for array in reversed(self.diagnostics):
             for status in array.status:
                 if status.name.endswith(part):
@@ -245,9 +251,20 @@ class Listener:
         return -1, "", {}
 
     def wait_for_status(self, part: str, text: str) -> dict[str, str]:
-        """Wait until diagnostics about a part say something; the values."""
+        """Wait until the message of a part contains ``text``; return the values."""
         self.peer.spin_until(lambda: text in self.status(part)[1], f"diagnostics: {text}")
         return self.status(part)[2]
+
+
+def reported(
+    monitor: Monitor,
+    pipeline: MessagePipeline | None,
+    recorder: Recorder | None,
+    status: ConnectionStatus,
+) -> list[DiagnosticStatus]:
+    """Report of a monitor as decoded by a subscriber."""
+    data = encode_diagnostics(0, monitor.report(pipeline, recorder, status))
+    return list(deserialize_message(data, DiagnosticArray).status)
 
 
 def stamp_of(message: Any) -> int:

@@ -1,6 +1,6 @@
-"""Speed and accuracy measured: problem, set, run, result, report.
+"""Benchmarks of speed, accuracy and robustness.
 
-``problems`` says what is solved and where its answer comes from, ``methods`` how each method of
-ours is set up, ``*_peer`` how others are; ``timing`` runs contestants in turns; ``results`` holds
-what was found, ``report`` prints it.
+Packages: ``common`` (settings, timing, results, report), ``peers`` (solvers to compare with),
+``precision`` (error vs. CPU time), ``convergence`` (orders), ``step_cost`` (cost of a step),
+``nodes`` (ROS 2 nodes), ``stability`` (difficult conditions), ``faults`` (fault injection).
 """

@@ -1,7 +1,7 @@
-"""What each ``cylconn bench`` measures, how it is shown, and what is drawn of it.
+"""Table of the benchmarks: what each ``cylconn bench NAME`` measures, prints and draws.
 
-Each is made when it is asked for: to measure imports the compiler, SciPy and peers, which
-``--help`` can do without.
+Each entry imports its measurements when it is called, so that ``--help`` needs neither the compiler
+nor SciPy nor the peer solvers. The docstring of an entry is its text in ``cylconn bench --help``.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Bench:
+class Benchmark:
     """One benchmark.
 
     Attributes
     ----------
-        parts: what is said to be measured, and what measures it.
-        body: what shows the measurements, where that is not a table a problem.
-        draw: draws them into a folder and returns the files, where there are pictures; raises
-            ImportError where what draws is not installed.
+        parts: title and function of each measurement.
+        body: formats the measurements; by default one table per case.
+        draw: draws the report into a folder and returns the files; None if there are no pictures.
+            Raises ImportError if a plotting package is missing.
     """
 
     parts: Sequence[tuple[str, Callable[[Settings], Findings]]]
@@ -36,34 +36,41 @@ class Bench:
     draw: Callable[[Path, Report], Sequence[Path]] | None = None
 
 
-def _kernel() -> Bench:
-    from cylconn_ros.bench.step_cost import kernel, startup, whole_motion
+def _kernel() -> Benchmark:
+    """Cost of one step of every method, compiled, called from Python and without the compiler.
 
-    return Bench(
+    Also MuJoCo's step and the start-up time.
+    """
+    from cylconn_ros.bench.step_cost import kernel, startup
+
+    return Benchmark(
         [
-            ("a step of every method, and MuJoCo's", kernel.measure),
-            ("start to first answer", startup.measure),
-            ("minimal and SciPy on slide and spin", whole_motion.slide_and_spin),
-            ("minimal and MuJoCo's RK4 on two free bodies", whole_motion.two_free_bodies),
+            ("one step of every method, and of MuJoCo", kernel.measure),
+            ("from process start to the first output", startup.measure),
         ]
     )
 
 
-def _orders() -> Bench:
-    from cylconn_ros.bench.common import report
+def _orders() -> Benchmark:
+    """Orders of convergence and costs of every method on a set of scenes."""
     from cylconn_ros.bench.convergence import orders
 
-    return Bench([("orders and costs of every method", orders.measure)], report.orders)
+    return Benchmark([("orders and costs of every method", orders.measure)], orders.text)
 
 
-def _precision() -> Bench:
+def _precision() -> Benchmark:
+    """Error against CPU time on twelve scenes, for all methods and peer solvers.
+
+    Peers are MuJoCo, Drake, PyBullet, Pinocchio, Exudyn and SciPy in several configurations each
+    (pip install '.[peers]').
+    """
     from cylconn_ros.bench.precision import run, text
 
-    return Bench([("everybody on every scene", run.measure)], text.body, _draw_precision)
+    return Benchmark([("all solvers on all scenes", run.measure)], text.body, _draw_precision)
 
 
 def _draw_precision(folder: Path, report: Report) -> list[Path]:
-    """The picture, twice, and the interactive page."""
+    """Draw the picture (PNG and SVG) and the interactive page."""
     from cylconn_ros.bench.precision import page, picture
 
     pictures = [folder / f"precision.{end}" for end in ("png", "svg")]
@@ -73,68 +80,99 @@ def _draw_precision(folder: Path, report: Report) -> list[Path]:
     return [*pictures, interactive]
 
 
-def _model() -> Bench:
+def _model() -> Benchmark:
+    """Cost and error of the full model against the reduced model that a scene needs.
+
+    Also the cost of each model feature.
+    """
     from cylconn_ros.bench.step_cost import features
 
-    return Bench([("the lean and the full model of every scene", features.measure)], features.text)
+    measured = ("the reduced and the full model of every scene", features.measure)
+    return Benchmark([measured], features.text)
 
 
-def _stability() -> Bench:
+def _stability() -> Benchmark:
+    """Stability map: the range of each hard condition that a solver survives.
+
+    Solvers are all methods, MuJoCo, and a spring-damper joint as users write it.
+    """
     from cylconn_ros.bench.stability import measure, picture
-    from cylconn_ros.laws.runs_recorded_or_simulated import broken
+    from cylconn_ros.laws.runs import first_violation
 
     def measured(settings: Settings) -> Findings:
-        """The map; the laws of every answer take most of the time and are left to the full form."""
+        """Measure the map; the check of the laws takes most of the time, so --quick skips it."""
         with Progress("stability") as bar:
-            return measure.measure(settings, bar, None if settings.quick else broken)
+            return measure.measure(settings, bar, None if settings.quick else first_violation)
 
     def draw(folder: Path, report: Report) -> list[Path]:
-        """The heat map, twice."""
+        """Draw the heat map (PNG and SVG)."""
         pictures = [folder / f"stability.{end}" for end in ("png", "svg")]
         picture.save(report.findings, pictures)
         return pictures
 
-    return Bench([("everybody under every condition", measured)], picture.body, draw)
+    return Benchmark([("all solvers under all conditions", measured)], picture.body, draw)
 
 
-def _node() -> Bench:
+def _node() -> Benchmark:
+    """Latency and CPU time per sample of the node, with and without recording.
+
+    Compared with a plain rclpy node and a node that only forwards bytes.
+    """
     from cylconn_ros.bench.nodes import measure
 
     def measured(settings: Settings) -> Findings:
         return measure.measure(settings, private_environment())
 
-    return Bench([("nodes asked in turns", measured)])
+    return Benchmark([("nodes in turns", measured)])
 
 
-def _connectors() -> Bench:
+def _connectors() -> Benchmark:
+    """Cost per sample with 1, 10 and 100 connectors in one process, and the sustainable rate."""
     from cylconn_ros.bench.nodes import connectors
 
     def measured(settings: Settings) -> Findings:
         return connectors.measure(settings, private_environment())
 
-    return Bench([("1, 10 and 100 connectors", measured)])
+    return Benchmark([("1, 10 and 100 connectors", measured)])
 
 
-def _replay() -> Bench:
+def _replay() -> Benchmark:
+    """Cost of replay per input message: reading a recording and processing its samples."""
     from cylconn_ros.bench.nodes import replay_cost
 
-    return Bench([("recordings replayed", replay_cost.measure)])
+    return Benchmark([("replay of recordings", replay_cost.measure)])
 
 
-def _faults() -> Bench:
-    from cylconn_ros.bench.faults import show
-    from cylconn_ros.cli import reliability
+def _faults() -> Benchmark:
+    """Fault injection into real nodes: processes, messages, stamps and shutdown.
 
-    return Bench([("faults of processes and messages", reliability.faults)], show.body)
+    Also every bundled scene with and without latency.
+    """
+    from cylconn_ros.bench.faults import measure, tables
+
+    def measured(settings: Settings) -> Findings:
+        with Progress("scenes") as bar:
+            return measure.measure(settings, private_environment(), bar)
+
+    return Benchmark([("faults of processes and messages", measured)], tables.body)
 
 
-def _soak() -> Bench:
-    from cylconn_ros.cli import reliability
+def _soak() -> Benchmark:
+    """Soak test: millions of samples in lock step with a recording node; up to an hour.
 
-    return Bench([("a node that records", reliability.soak)])
+    It reports memory, lost samples and the laws of the recording.
+    """
+    from cylconn_ros.bench.faults import soak_report
+
+    def measured(settings: Settings) -> Findings:
+        samples = settings.samples or (soak_report.QUICK if settings.quick else soak_report.SAMPLES)
+        with Progress("soak") as exchange, Progress("laws") as check:
+            return soak_report.measure(samples, private_environment(), exchange, check)
+
+    return Benchmark([("a recording node", measured)])
 
 
-BENCHES: dict[str, Callable[[], Bench]] = {
+BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "kernel": _kernel,
     "orders": _orders,
     "precision": _precision,
@@ -146,3 +184,4 @@ BENCHES: dict[str, Callable[[], Bench]] = {
     "faults": _faults,
     "soak": _soak,
 }
+"""Entries by name, in the order of the help text."""

@@ -1,4 +1,4 @@
-"""Results with their bounds, printed so that a person can judge them."""
+"""Checks of results against their limits, printed one per line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Check:
-    """One line of a summary; ``ok`` None means there is nothing to judge."""
+    """One line of a summary.
+
+    Attributes
+    ----------
+        name, value: of the quantity, as printed.
+        bound: the condition, as printed; empty for information only.
+        ok: whether the condition holds; None for information only.
+    """
 
     name: str
     value: str
@@ -19,25 +26,25 @@ class Check:
 
 
 def below(name: str, value: float, limit: float, unit: str, note: str = "") -> Check:
-    """Judge a size against its limit; NaN is never below."""
+    """Check that a value is at most its limit; NaN fails."""
     text = f"{value:.3g} {unit}" + (f"  {note}" if note else "")
     return Check(name, text, f"at most {limit:.3g} {unit}", value <= limit)
 
 
 def against(name: str, value: float, expected: float, limit: float, unit: str) -> Check:
-    """Judge a value against an independent one."""
+    """Check that a value is within ``limit`` of an independent value; NaN fails."""
     error = abs(value - expected)
-    text = f"{value:.6f} {unit}".rstrip() + f"  (reference {expected:.6f}, off by {error:.1e})"
+    text = f"{value:.6f} {unit}".rstrip() + f"  (reference {expected:.6f}, error {error:.1e})"
     return Check(name, text, f"within {limit:.1e} {unit}", error <= limit)
 
 
 def equal(name: str, value: int, expected: int) -> Check:
-    """Judge a count."""
+    """Check a count."""
     return Check(name, f"{value}", f"exactly {expected}", value == expected)
 
 
 def show(checks: Sequence[Check]) -> bool:
-    """Print a summary; returns whether everything that was judged is well."""
+    """Print the checks; returns False if one of them fails."""
     names = max(len(check.name) for check in checks)
     values = max((len(check.value) for check in checks if check.bound), default=0)
     for check in checks:
@@ -48,6 +55,7 @@ def show(checks: Sequence[Check]) -> bool:
 
 
 def _mark(sign: str, plain: str) -> str:
+    """``sign``, or ``plain`` if the terminal cannot print it."""
     try:
         sign.encode(sys.stdout.encoding or "ascii")
     except UnicodeEncodeError:
@@ -56,7 +64,7 @@ def _mark(sign: str, plain: str) -> str:
 
 
 def add_connector(parser: argparse.ArgumentParser) -> None:
-    """Declare the argument that chooses one of several connectors in a recording."""
+    """Declare the argument that selects one of several connectors in a recording."""
     parser.add_argument(
-        "--connector", metavar="NAME", default="", help="which, where a run holds several"
+        "--connector", metavar="NAME", default="", help="connector, if the run holds several"
     )

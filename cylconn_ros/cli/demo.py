@@ -1,8 +1,12 @@
-"""Run the main job and judge it: plant and connector, two processes talking ROS 2.
+"""Run plant and connector as two ROS 2 processes, and check the recorded run.
 
-A sleeve slides and spins down an inclined, loaded shaft until friction stops it. The run is
-recorded; the summary is made from the recording and compared with an independent solution. The
-exit code is 0 only if every line of the summary is well.
+A sleeve slides and spins down an inclined, loaded shaft until friction stops it. Both processes run
+in lock step in a ROS domain of their own. The checks read the recording and compare it with an
+independent solution. The exit code is 0 only if every check holds.
+
+For example: cylconn demo --duration 2
+
+Next: cylconn info RUN shows the run, cylconn report RUN makes a page of it.
 """
 
 from __future__ import annotations
@@ -20,19 +24,19 @@ from typing import Any
 
 from cylconn_ros.cli import checks, demo_checks, scenes
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.errors import CommandError
+from cylconn_ros.errors import CommandError, ProcessError
 from cylconn_ros.process.child import Child, executable, private_environment
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene import parameter_file
 
 _SCENE = "demo"
-_START_PATIENCE = 240.0  # s until the first progress: the first run ever compiles the physics
-_STALL_PATIENCE = 60.0  # s without progress after that
+_START_TIMEOUT = 240.0  # s until the first progress; the first run compiles the physics
+_PROGRESS_TIMEOUT = 60.0  # s without progress after that
 _NEEDED = ("matplotlib", "scipy")
 
 
-class DemoFailedError(Exception):
-    """The run did not come to its end; the message says why, with the processes' last words."""
+class DemoFailedError(ProcessError):
+    """The run did not reach its end; the message gives the reason and the processes' output."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,12 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the demo; 0 if all is well, 1 if anything is off."""
+    """Run the demo; 0 if all checks hold, 1 otherwise."""
     missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
     if missing:
-        raise CommandError(
-            f"needs {' and '.join(missing)}: pip install '.[demo]' brings what is missing"
-        )
+        raise CommandError(f"needs {' and '.join(missing)}: pip install '.[demo]'")
     path = scenes.find(_SCENE)
     output = _new_directory(options.output)
     scene = scenes.load_with_overrides(path, options)
@@ -64,10 +66,10 @@ def run(options: argparse.Namespace) -> int:
     used = output / "scene.yaml"
     used.write_text(parameter_file.dump(scene), encoding="utf-8")
     if importlib.util.find_spec("numba") is None:
-        print("numba is not installed: the same physics runs uncompiled, slower")
-    restore = _end_on_terminate()
+        print("numba is not installed: the physics runs uncompiled, which is slower")
+    restore = _interrupt_on_signals()
     try:
-        said = run_processes(used, scenes.steps(scene))
+        closing_lines = run_processes(used, scenes.steps(scene))
     except DemoFailedError as failure:
         print(f"✗ {failure}")
         return 1
@@ -75,36 +77,36 @@ def run(options: argparse.Namespace) -> int:
         restore()
     recording = _recording(output)
     run_ = read_run(recording)
-    print("solving the scene independently, to compare …", file=sys.stderr, flush=True)
+    print("computing the reference solution …", file=sys.stderr, flush=True)
     reference = demo_checks.reference(scene)
     picture = demo_checks.draw(run_, scene, reference, output / "demo.png")
     print()
-    well = checks.show(demo_checks.judge(run_, scene, reference))
-    for line in said:
+    passed = checks.show(demo_checks.check_run(run_, scene, reference))
+    for line in closing_lines:
         print(f"  {line}")
     print(f"\nrecorded run  {recording}\npicture       {picture}")
-    print(f"next: cylconn info {recording}")
-    return 0 if well else 1
+    print(f"next: cylconn info {recording}\n      cylconn report {recording}")
+    return 0 if passed else 1
 
 
 def run_processes(scene: Path, steps: int) -> list[str]:
-    """Run connector and plant on a scene file until the plant is done.
+    """Run connector and plant with a scene file until the plant ends.
 
-    Returns the plant's closing lines. Raises DemoFailedError when a process dies or hangs; both
-    processes have ended when this returns or raises.
+    Returns the plant's closing lines. Raises DemoFailedError if a process ends early or makes no
+    progress. Both processes have ended when this function returns or raises.
     """
     environment = private_environment()
     with Progress("demo") as bar:
-        follower = _Follower(bar, steps)
+        monitor = _PlantMonitor(bar, steps)
         arguments = ["--ros-args", "--params-file", str(scene)]
         connector_command = [str(executable("connector")), *arguments]
         plant_command = [str(executable("plant")), *arguments]
         bar.note("starting (the first run compiles the physics)")
         with (
             Child("connector", connector_command, environment) as connector,
-            Child("plant", plant_command, environment, follower) as plant,
+            Child("plant", plant_command, environment, monitor) as plant,
         ):
-            _watch(connector, plant, follower)
+            _watch(connector, plant, monitor)
             code = plant.finish()
             if code != 0:
                 _fail(f"plant ended with exit code {code}", plant, connector)
@@ -114,29 +116,30 @@ def run_processes(scene: Path, steps: int) -> list[str]:
             return list(plant.lines)[-1:]
 
 
-class _Follower:
-    """Takes the plant's progress lines out of its output and shows them."""
+class _PlantMonitor:
+    """Consumes the plant's progress lines, shows them and extends the deadline."""
 
     def __init__(self, bar: Progress, steps: int) -> None:
         self._bar = bar
-        self.deadline = time.monotonic() + _START_PATIENCE
+        self.deadline = time.monotonic() + _START_TIMEOUT
         self._steps = steps
 
     def __call__(self, line: str) -> bool:
         words = line.split()
         if len(words) != 3 or words[0] != "progress" or not (words[1] + words[2]).isdigit():
             return False
-        self.deadline = time.monotonic() + _STALL_PATIENCE
+        self.deadline = time.monotonic() + _PROGRESS_TIMEOUT
         self._bar(int(words[1]), int(words[2]) or self._steps)
         return True
 
 
-def _watch(connector: Child, plant: Child, follower: _Follower) -> None:
+def _watch(connector: Child, plant: Child, monitor: _PlantMonitor) -> None:
+    """Wait for the end of the plant; raises DemoFailedError."""
     while plant.exit_code is None:
         if connector.exit_code is not None:
-            _fail(f"connector ended too early, exit code {connector.exit_code}", connector, plant)
-        if time.monotonic() > follower.deadline:
-            _fail("no progress any more", plant, connector)
+            _fail(f"connector ended early with exit code {connector.exit_code}", connector, plant)
+        if time.monotonic() > monitor.deadline:
+            _fail("no progress within the time limit", plant, connector)
         time.sleep(0.02)
 
 
@@ -163,8 +166,11 @@ def _recording(output: Path) -> Path:
     return found[0]
 
 
-def _end_on_terminate() -> Callable[[], Any]:
-    """Make SIGTERM and SIGHUP unwind like Ctrl-C, so that no process is left behind."""
+def _interrupt_on_signals() -> Callable[[], Any]:
+    """Turn SIGTERM and SIGHUP into KeyboardInterrupt, so that the processes are ended.
+
+    Returns a function that restores the previous handlers.
+    """
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt

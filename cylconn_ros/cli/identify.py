@@ -1,9 +1,13 @@
-"""Estimate friction from a recording of a joint: mu, FCint, L and R, each with a 95 % interval.
+"""Estimate friction from a recording of a joint: mu, FCint, L and R with 95 % intervals.
 
-BAG is a recorded directory or an .mcap file with poses and twists of the bodies (and their loads),
-of a real joint or a simulated one; a body's mass and inertia must be known. Parameters are those in
-the recording, or --params FILE. What the motion does not show is said, and taken as known.
-docs/identify.md says how it is done.
+BAG is a recorded directory or an .mcap file with poses and twists of the bodies, and their loads if
+there are any, of a real or a simulated joint. Mass and inertia of a free body must be known. The
+parameters are those of the recording or of --params FILE. Parameters that the motion does not
+determine are listed and taken as known. docs/how_to/identify.md explains the method.
+
+For example: cylconn identify BAG --known radius=0.02 --plot estimate.png
+
+Next: put the estimates into friction.* of a scene, and compare with cylconn replay BAG --set.
 """
 
 from __future__ import annotations
@@ -18,14 +22,16 @@ from typing import TYPE_CHECKING, Any
 from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
-from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.scene.scene import Scene, load
+from cylconn_ros.recording.run import read_run
+from cylconn_ros.scene.inputs import BODIES, INPUTS
+from cylconn_ros.scene.scene import load
 
 if TYPE_CHECKING:
-    from cylconn_ros.identify.friction import Estimate, Identified
+    from cylconn_ros.identify.friction import Estimate, Identification
 
 _PICTURES = (".png", ".svg", ".pdf")
-_SILENT = 1e-7  # m/s: the sample period, and no sensor, limits what is seen
+_LEAST_NOISE = 1e-7  # m/s; below, the sample period limits the accuracy and not a sensor
+_KINDS = tuple(kind.topic for kind in INPUTS)
 _KNOWN = ("preload", "overlap", "radius")
 _TITLES = {
     "coefficient": "mu",
@@ -41,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="BAG", type=Path, help="recorded directory or file")
     add_connector(parser)
     parser.add_argument(
-        "--params", type=Path, metavar="FILE", help="parameter file instead of the recording's"
+        "--params",
+        type=Path,
+        metavar="FILE",
+        help="parameter file, in place of the recorded parameters",
     )
     parser.add_argument(
         "--known",
@@ -49,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME[=VALUE]",
-        help="do not estimate preload, overlap or radius; SI units, default: of the parameters",
+        help="do not estimate preload, overlap or radius; SI units, default: the parameter's value",
     )
     parser.add_argument(
         "--remap",
@@ -58,28 +67,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_topic,
         action="append",
         default=[],
-        metavar="OURS:=THEIRS",
-        help="the recording's topic for body_b/pose, body_b/twist, body_b/odom, body_b/load, …",
+        metavar="INPUT:=TOPIC",
+        help=f"recorded topic of an input: {', '.join(f'body_b/{kind}' for kind in _KINDS)}, …",
     )
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg or .pdf")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers (- : print)")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw the estimate: .png, .svg or .pdf"
+    )
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="write the results as JSON (- : print)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate, and report as asked; 0 if the coefficient was found."""
+    """Estimate and report; 0 if the coefficient was estimated."""
     _check(options)
     from cylconn_ros.errors import IdentifyError
-    from cylconn_ros.identify.friction import identify
-    from cylconn_ros.recording.samples import matched
+    from cylconn_ros.identify.recording import identify_recording
 
     recorded = read_run(options.recording, options.connector)
-    scene = _scene(recorded, options)
-    known = {name: _value(scene, name, value) for name, value in options.known}
-    _refuse_commands(recorded)
+    scene = load(options.params) if options.params is not None else None
     with Progress("identify") as bar:
         bar.note("preparing (the first run compiles the physics)")
         try:
-            found = identify(scene, matched(recorded, scene, dict(options.topic)), known)
+            found = identify_recording(
+                recorded, scene, known=dict(options.known), remap=dict(options.topic)
+            )
         except IdentifyError as error:
             raise CommandError(f"{options.recording}: {error}") from None
     if options.json is not None:
@@ -89,63 +101,33 @@ def run(options: argparse.Namespace) -> int:
     if options.plot is not None:
         _draw(found, options.recording.name, options.plot)
         print(f"picture     {options.plot}")
-    elif options.json is None:
-        print("\nnext: look at it with --plot FILE.png; use it in friction.* of a scene")
+    if str(options.json) != "-":
+        plot = "" if options.plot is not None else "draw the estimate with --plot FILE.png; "
+        print(f"\nnext: {plot}put the values into friction.* of a scene")
     return 0
 
 
 def _check(options: argparse.Namespace) -> None:
     for name in ("scipy",) if options.plot is None else ("scipy", "matplotlib"):
         if importlib.util.find_spec(name) is None:
-            raise CommandError(f"needs {name}: pip install '.[demo]' brings it")
+            raise CommandError(f"needs {name}: pip install '.[demo]'")
     if options.plot is not None and options.plot.suffix not in _PICTURES:
-        raise CommandError(f"{options.plot}: a picture ends in one of {', '.join(_PICTURES)}")
+        raise CommandError(f"{options.plot}: a picture must end in one of {', '.join(_PICTURES)}")
 
 
-def _scene(recorded: Run, options: argparse.Namespace) -> Scene:
-    if options.params is not None:
-        return load(options.params)
-    if not recorded.parameters:
-        raise CommandError(
-            f"{recorded.path}: no parameters were stored with it; give inertia, nodes and friction "
-            "with --params FILE"
-        )
-    return Scene.from_parameters(recorded.parameters)
-
-
-def _value(scene: Scene, name: str, value: float | None) -> float:
-    if value is not None:
-        return value
-    found = float(getattr(scene.friction, name))
-    if math.isnan(found):
-        raise CommandError(f"--known {name}: the parameters do not have it; give {name}=VALUE")
-    return found
-
-
-def _refuse_commands(recorded: Run) -> None:
-    """A drive's force cannot be told from friction."""
-    for topic, kind in recorded.types.items():
-        name = topic.rsplit("/", 1)[-1]
-        if name == "command" and kind == "sensor_msgs/msg/JointState" and recorded.counts[topic]:
-            raise CommandError(
-                f"{recorded.path}: {recorded.counts[topic]} commands on {topic} drove slide or "
-                "spin: the drive's force cannot be told from friction"
-            )
-
-
-def table(found: Identified) -> list[str]:
-    """The report as lines of text."""
+def table(found: Identification) -> list[str]:
+    """The results as lines of text."""
     lines = [
         f"recording   {found.samples} samples over {found.duration:.6g} s",
-        f"slip        {found.slipping} intervals in {found.windows} windows",
-        f"rest        {found.resting} intervals in {found.rests} windows",
+        f"slip        {found.slip_intervals} intervals in {found.windows} windows",
+        f"rest        {found.rest_intervals} intervals in {found.rest_windows} windows",
     ]
-    lines += [f"left out    {count} {why}" for why, count in found.left_out.items()]
+    lines += [f"skipped     {count} ({reason})" for reason, count in found.skipped.items()]
     lines += [
-        f"noise       {found.noise:.2e} m/s of the slip rate, a component",
-        f"misfit      {found.misfit:.2f} (1: the law fits to within the noise)"
-        if found.noise > _SILENT
-        else "misfit      not judged: there is hardly any noise",
+        f"noise       {found.noise:.2e} m/s standard deviation of a component of the slip velocity",
+        f"misfit      {found.misfit:.2f} (1: the law fits within the noise)"
+        if found.noise > _LEAST_NOISE
+        else f"misfit      not computed: noise below {_LEAST_NOISE:.0e} m/s",
         "",
         f"{'parameter':<12}{'estimate':>11}  {'95 % interval':<26}unit",
     ]
@@ -156,10 +138,10 @@ def table(found: Identified) -> list[str]:
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]
     lines += ["", "taken as known: " + ", ".join(facts)]
-    if found.misfit > 2.0 and found.noise > _SILENT:
+    if found.misfit > 2.0 and found.noise > _LEAST_NOISE:
         lines.append(
-            "the windows differ from the law by more than their noise: the intervals count that, "
-            "as far as it is random"
+            "the windows differ from the law by more than their noise; the intervals include the "
+            "random part of that"
         )
     return lines
 
@@ -174,8 +156,8 @@ def _row(e: Estimate) -> str:
     return f"{title:<12}{value:>11}  {'-':<26}{unit:<5}{e.note}".rstrip()
 
 
-def as_json(found: Identified) -> dict[str, Any]:
-    """The numbers, for other programs; what is not to be had is null."""
+def as_json(found: Identification) -> dict[str, Any]:
+    """The results as a JSON value; numbers that could not be estimated are null."""
 
     def number(x: float) -> float | None:
         return float(x) if math.isfinite(x) else None
@@ -194,16 +176,16 @@ def as_json(found: Identified) -> dict[str, Any]:
         "static_lower_bound": number(found.static.bound),
         "samples": found.samples,
         "duration": found.duration,
-        "slipping_intervals": found.slipping,
-        "resting_intervals": found.resting,
+        "slipping_intervals": found.slip_intervals,
+        "resting_intervals": found.rest_intervals,
         "windows": found.windows,
-        "left_out": dict(found.left_out),
+        "left_out": dict(found.skipped),
         "slip_rate_noise": found.noise,
         "misfit": found.misfit,
     }
 
 
-def _write_json(found: Identified, path: Path) -> None:
+def _write_json(found: Identification, path: Path) -> None:
     text = json.dumps(as_json(found), indent=2, ensure_ascii=False)
     if str(path) == "-":
         print(text)
@@ -214,7 +196,7 @@ def _write_json(found: Identified, path: Path) -> None:
         raise CommandError(f"{path}: {error.strerror or error}") from None
 
 
-def _draw(found: Identified, name: str, path: Path) -> None:
+def _draw(found: Identification, name: str, path: Path) -> None:
     from cylconn_ros.identify.picture import draw, save
 
     try:
@@ -250,9 +232,9 @@ def _known(text: str) -> tuple[str, float | None]:
 def _topic(text: str) -> tuple[str, str]:
     ours, mark, theirs = text.partition(":=")
     body, _, kind = ours.rpartition("/")
-    good = body in ("body_a", "body_b") and kind in ("pose", "twist", "odom", "load")
+    good = body in BODIES and kind in _KINDS
     if not (mark and theirs and good):
         raise argparse.ArgumentTypeError(
-            f"{text}: must be like body_b/pose:=/arm/pose (pose, twist, odom or load)"
+            f"{text}: must be like body_b/pose:=/arm/pose ({', '.join(_KINDS)})"
         )
     return ours, theirs

@@ -1,7 +1,12 @@
-"""Show what is in a recorded run: topics and counts, method, how it went, worst violation, end.
+"""Show the contents of a recorded run: topics, counts, method, results and time curves.
 
-One line a quantity draws its course from the smallest to the largest value; violations by powers of
-ten. RUN is a recorded directory (with metadata.yaml) or an .mcap file.
+RUN is a recorded directory (with metadata.yaml) or an .mcap file. One line per quantity draws its
+curve from the smallest to the largest value; violations have a logarithmic scale. The exit code is
+1 if the recording is incomplete or a topic has undecodable messages.
+
+For example: cylconn info runs/demo_20250101T120000Z/connector
+
+Next: make a page of the run with cylconn report RUN, or check it with cylconn laws --run RUN.
 """
 
 from __future__ import annotations
@@ -18,11 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.summary import FIELDS, Reduction, Results
+from cylconn_ros.cli.summary import FIELDS, Reduction, RunSummary
 from cylconn_ros.connector.enums import REGIMES
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording.run import STAMP, Run, read_run
-from cylconn_ros.report.sparkline import BLOCKS, PLAIN, sparkline, strip
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.recording.table import STAMP
+from cylconn_ros.report.sparkline import BLOCKS, PLAIN, regime_strip, sparkline
 
 Array = npt.NDArray[Any]
 
@@ -34,22 +40,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the screen; 1 if the recording is not whole or a topic holds undecodable messages."""
+    """Print the contents; 1 if the recording is incomplete or has undecodable messages."""
     recorded = read_run(options.recording, options.connector)
     lines = [f"{recorded.path}"]
     if recorded.version:
         lines.append(f"recorded by cylconn_ros {recorded.version}")
     if "salvaged" in recorded.metadata:
-        lines.append(f"salvaged {recorded.metadata['salvaged']}")
+        lines.append(f"recovered {recorded.metadata['salvaged']}")
     lines += _topics(recorded)
-    whole = recorded.incomplete is None
-    if not whole:
-        lines.append(f"NOT WHOLE: {recorded.incomplete}")
+    complete = recorded.incomplete is None
+    if not complete:
+        lines.append(f"INCOMPLETE: {recorded.incomplete}")
     undecodable = _undecodable(recorded)
     lines += [f"UNDECODABLE: {count} messages of {topic}" for topic, count in undecodable.items()]
     lines += _states(recorded)
     print("\n".join(lines))
-    return 0 if whole and not undecodable else 1
+    print(_next(recorded, complete))
+    return 0 if complete and not undecodable else 1
+
+
+def _next(recorded: Run, complete: bool) -> str:
+    """The command to run next."""
+    if not complete:
+        return f"next: cylconn salvage {recorded.path}"
+    if recorded.connectors:
+        return f"next: cylconn info {recorded.path} --connector {recorded.connectors[0]}"
+    if "cylconn_ros/msg/ConnectorState" in recorded.types.values():
+        return f"next: cylconn report {recorded.path}"
+    return f"next: cylconn replay {recorded.path} -o RUN"
 
 
 def _topics(recorded: Run) -> list[str]:
@@ -61,71 +79,73 @@ def _topics(recorded: Run) -> list[str]:
 
 
 def _undecodable(recorded: Run) -> dict[str, int]:
-    """Messages that are not what their type says, by topic; types without columns are left out."""
+    """Number of undecodable messages by topic, for the types that can be decoded."""
     counts: dict[str, int] = {}
     topics = [topic for topic in recorded.types if recorded.has_columns(topic)]
-    for piece in recorded.pieces(*topics, only=()):
-        counts[piece.topic] = counts.get(piece.topic, 0) + piece.undecodable
+    for block in recorded.read_blocks(*topics, fields=()):
+        counts[block.topic] = counts.get(block.topic, 0) + block.undecodable
     return {topic: count for topic, count in counts.items() if count}
 
 
 def _states(recorded: Run) -> list[str]:
     if recorded.connectors:
-        return _several(recorded)
+        return _connectors(recorded)
     try:
         found, methods, drawn = _read(recorded)
     except RecordingError as error:
-        return [f"no states to judge: {error}"]
+        return [f"states cannot be read: {error}"]
     if found is None:
         return ["no state was recorded"]
     model = recorded.metadata.get("model", "not recorded")
     lines = [f"method      {', '.join(methods)}", f"model       {model}", *describe(found)]
-    return lines + courses(drawn, width=shutil.get_terminal_size((100, 24)).columns)
+    lines += ["", "State timeline"]
+    return lines + timeline(drawn, width=shutil.get_terminal_size((100, 24)).columns)
 
 
-def _read(recorded: Run) -> tuple[Results | None, list[str], dict[str, Array]]:
-    """The results of a run, its methods, and what is drawn of it: in single precision."""
+def _read(recorded: Run) -> tuple[RunSummary | None, list[str], dict[str, Array]]:
+    """Summary of a run, its methods, and the columns to draw, in single precision."""
     topic = recorded.state_topic
     reduction, methods = Reduction(), dict[str, None]()
-    fields = {field for _, field, *_ in _COURSES} | {"regime"}
+    fields = {field for _, field, *_ in _CURVES} | {"regime"}
     drawn: dict[str, list[Array]] = {field: [np.zeros(0, np.float32)] for field in fields}
     begin = None
-    for piece in recorded.pieces(topic, only={*FIELDS, *fields, *STAMP, "method"}):
-        if not len(piece):
+    for block in recorded.read_blocks(topic, fields={*FIELDS, *fields, *STAMP, "method"}):
+        if not len(block):
             continue
-        stamp = piece.stamp
+        stamp = block.stamp
         begin = int(stamp[0]) if begin is None else begin
-        reduction.add(np.asarray((stamp - begin) * 1e-9, np.float64), piece.columns)
-        methods |= dict.fromkeys(piece["method"])
+        reduction.add(np.asarray((stamp - begin) * 1e-9, np.float64), block.columns)
+        methods |= dict.fromkeys(block["method"])
         for field, parts in drawn.items():
-            values = piece[field]
+            values = block[field]
             parts.append((values if values.ndim == 1 else values[:, 0]).astype(np.float32))
     found = None if begin is None else reduction.result()
     return found, list(methods), {name: np.concatenate(parts) for name, parts in drawn.items()}
 
 
-def _several(recorded: Run) -> list[str]:
-    """A line a connector."""
+def _connectors(recorded: Run) -> list[str]:
+    """One line per connector."""
     names = recorded.connectors
     width = max(map(len, names))
-    lines = [f"{len(names)} connectors; more of one with --connector NAME"]
+    lines = [f"{len(names)} connectors; details of one with --connector NAME"]
     for name in names:
-        found, _, _ = _read(recorded.only(name))
+        found, _, _ = _read(recorded.select(name))
         if found is not None:
             end = f"slide {found.distance:.6g} m, spin {found.turns:.6g} turns at the end"
             worst = f"{found.worst_offset * 1e3:.1e} mm, {found.worst_misalignment * 1e3:.1e} mrad"
-            text = f"{found.samples} samples over {found.duration:.6g} s; {end}; at most {worst}"
+            text = f"{found.samples} samples over {found.duration:.6g} s; {end}; "
+            text += f"violation at most {worst}"
         else:
             text = "no state was recorded"
         lines.append(f"  {name:<{width}}  {text}")
     return lines
 
 
-_COURSES = (
+_CURVES = (
     ("slide", "displacement", 1.0, "m", False),
     ("spin", "rotation", 0.5 / math.pi, "turns", False),
     ("slip rate", "slip_rate", 1.0, "m/s", False),
-    ("normal", "normal_force", 1.0, "N", False),
+    ("FN", "normal_force", 1.0, "N", False),
     ("limit", "friction_limit", 1.0, "N", False),
     ("traction", "traction", 1.0, "N", False),
     ("force f1", "force", 1.0, "N", False),
@@ -134,19 +154,19 @@ _COURSES = (
     ("misaligned", "angular_violation", 1e3, "mrad", True),
     ("energy", "energy_exchanged", 1.0, "J", False),
 )
-"""Name, field of ConnectorState (its first component), factor, unit, whether by powers of ten."""
+"""Name, field of ConnectorState (its first component), factor, unit, whether logarithmic."""
 
-_RANGE_WIDTH = 36  # of the smallest and largest value and the unit, behind a line
+_RANGE_WIDTH = 36  # columns for the smallest and largest value and the unit
 
 
-def courses(state: Mapping[str, Array], width: int) -> list[str]:
-    """Draw how the run went, a line a quantity that was not zero throughout."""
+def timeline(state: Mapping[str, Array], width: int) -> list[str]:
+    """Draw the curves over time, one line per quantity that is not zero throughout."""
     blocks = _can_print(BLOCKS)
     width = min(max(width - 12 - _RANGE_WIDTH, 10), 60)
     marks = ".█░" if blocks else ".#~"
     named = [f"{marks[k]} {REGIMES[k]}" for k in range(3) if np.any(state["regime"] == k)]
-    lines = [f"regime      {strip(state['regime'], marks, width)}  {', '.join(named)}"]
-    for name, field, factor, unit, log in _COURSES:
+    lines = [f"regime      {regime_strip(state['regime'], marks, width)}  {', '.join(named)}"]
+    for name, field, factor, unit, log in _CURVES:
         values = np.asarray(state[field], dtype=np.float64) * factor
         values = np.abs(values) if log else values
         finite = values[np.isfinite(values)]
@@ -166,8 +186,8 @@ def _can_print(text: str) -> bool:
     return True
 
 
-def describe(found: Results) -> list[str]:
-    """Return the reduced results of a run as lines of text."""
+def describe(found: RunSummary) -> list[str]:
+    """The summary of a run as lines of text."""
     shares = ", ".join(f"{name} {share:.1%}" for name, share in found.regimes.items())
     lines = [
         f"samples     {found.samples} over {found.duration:.6g} s"

@@ -1,10 +1,16 @@
-"""Check the laws of the connector's step from outside: random states, the library, recorded runs.
+"""Check the laws of a connector step independently, on random states, scenes or a recorded run.
 
-Two bodies, parameters and states are drawn over extreme scales, each extreme jointly with the
-others: mass and inertia ratios 1e-6 to 1e6, periods 0.1 to 100 ms, mu up to 10, mass centres metres
-off the axis, spins up to 1000 rad/s, stops, locks, imposed motions. Then the method runs the scene
-library. The answers are checked against the laws that the method claims, by their letters
-(docs/laws.md), written without the solver's code. Exit code 1 where a law does not hold to 1e-12.
+Bodies, parameters and states are random over extreme scales, each extreme jointly with the others:
+mass and inertia ratios 1e-6 to 1e6, periods 0.1 to 100 ms, mu up to 10, mass centres metres off the
+axis, angular velocities up to 1000 rad/s, stops, locks, imposed motions. Then the method runs the
+bundled scenes. The outputs are checked against the laws that the method guarantees; the check
+shares no code with the solver. The exit code is 1 if a law does not hold to 1e-12.
+
+For example:
+  cylconn laws --samples 20000
+  cylconn laws --run RUN
+
+Next: reproduce one random scene of a report with --seed S --scene K.
 """
 
 from __future__ import annotations
@@ -20,80 +26,77 @@ from cylconn_ros.cli import laws_report as report
 from cylconn_ros.cli.checks import add_connector
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
-from cylconn_ros.laws import runs_recorded_or_simulated
+from cylconn_ros.laws.guarantees import GUARANTEES, LAWS, title
+from cylconn_ros.methods.traits import TRAITS
 
 if TYPE_CHECKING:
     from cylconn_ros.laws.order import Fit
-    from cylconn_ros.laws.selection import Verdict
-    from cylconn_ros.laws.summary import Tally
+    from cylconn_ros.laws.sampling import SampledBlock
+    from cylconn_ros.laws.selection import SelectionSummary
+    from cylconn_ros.laws.summary import LawSummary
+    from cylconn_ros.scene.scene import Scene
 
-_ENOUGH = 100_000  # samples from which on shares of regimes are judged
-_STEERED_TO = "impulse"  # whose regimes the draw is steered to
-_SLOW = "minimal"  # a random step of it takes milliseconds: its samples are those of the library
+_SAMPLES = 100_000  # random samples by default; from this number on, shares of regimes are checked
+_COMPLETE = "impulse"  # the method with all laws; random scenes reach all of its regimes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument(
-        "--samples", type=_count, metavar="N", help="random samples (100000; minimal: 0)"
+        "--samples", type=_count, metavar="N", help="random samples (100000; minimal: none)"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the draw (1)")
-    parser.add_argument(
-        "--method", default="impulse", metavar="M", help="method that answers (impulse)"
-    )
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of random scenes (1)")
+    parser.add_argument("--method", default=_COMPLETE, metavar="M", help="to check (impulse)")
     parser.add_argument(
         "--roots",
         type=_count,
         default=20_000,
         metavar="N",
-        help="samples whose friction is solved again by brute force (20000, 0: none)",
+        help="samples whose friction is also solved by brute force (20000, 0: none)",
     )
     parser.add_argument(
         "--library",
         type=_count,
         default=500,
         metavar="N",
-        help="samples of each scene of the library at most (500, 0: none)",
+        help="largest number of samples of each bundled scene (500, 0: no scenes)",
+    )
+    parser.add_argument("--no-order", action="store_true", help="skip the orders of convergence")
+    parser.add_argument(
+        "--scene", type=int, metavar="K", help="check the random scene K only, as a report names it"
     )
     parser.add_argument(
-        "--no-order", action="store_true", help="leave out the orders of convergence"
-    )
-    parser.add_argument(
-        "--scene", type=int, metavar="K", help="only the random scene K, as a report names it"
-    )
-    parser.add_argument(
-        "--run", dest="recording", type=Path, metavar="RUN", help="a recorded run's samples instead"
+        "--run", dest="recording", type=Path, metavar="RUN", help="check a recorded run instead"
     )
     add_connector(parser)
 
 
 @dataclasses.dataclass
-class _Found:
-    """All that was checked."""
+class _Results:
+    """Results of all checks."""
 
-    random: Tally
-    library: Tally
-    verdict: Verdict | None = None
-    runs: int = 0
-    refused: dict[str, str] = dataclasses.field(default_factory=dict)
-    instants: Tally | None = None
+    random: LawSummary
+    library: LawSummary
+    selection: SelectionSummary | None = None
+    scenes: int = 0
+    rejected: dict[str, str] = dataclasses.field(default_factory=dict)
+    instants: LawSummary | None = None
     momentum: float = 0.0
     fits: list[Fit] = dataclasses.field(default_factory=list)
 
-    def broken(self) -> list[str]:
-        """The letters of what did not hold."""
-        from cylconn_ros.laws.claims import TITLES
+    def violations(self) -> list[str]:
+        """Names of the laws and checks that do not hold, as printed."""
         from cylconn_ros.laws.pointwise import MOMENTUM
 
-        tallies = [self.random, self.library, *([self.instants] if self.instants else [])]
-        off = [
-            letter
-            for letter in TITLES
-            if any(letter in t.laws and not t.laws[letter].holds for t in tallies)
+        summaries = [self.random, self.library, *([self.instants] if self.instants else [])]
+        names = [
+            title(law)
+            for law in LAWS
+            if any(law in one.laws and not one.laws[law].holds for one in summaries)
         ]
-        off += ["roots"] if self.verdict is not None and self.verdict.faults else []
-        off += ["momentum"] if self.momentum > MOMENTUM else []
-        return off + (["O"] if not all(fit.holds for fit in self.fits) else [])
+        names += ["roots"] if self.selection is not None and self.selection.failures else []
+        names += ["momentum"] if self.momentum > MOMENTUM else []
+        return names + ([] if all(fit.holds for fit in self.fits) else ["order"])
 
 
 def run(options: argparse.Namespace) -> int:
@@ -101,140 +104,158 @@ def run(options: argparse.Namespace) -> int:
     begin = time.monotonic()
     if options.recording is not None:
         return _recorded(options)
-    from cylconn_ros.laws.claims import CLAIMS
-    from cylconn_ros.laws.summary import Tally
+    from cylconn_ros.laws.summary import LawSummary
 
-    if options.method not in CLAIMS:
-        known = ", ".join(CLAIMS)
-        raise CommandError(f"--method {options.method}: laws are stated for {known}")
-    if options.samples is None:
-        options.samples = 0 if options.method == _SLOW and options.scene is None else 100_000
-    found = _Found(Tally(), Tally())
+    _check_method(options)
+    results = _Results(LawSummary(), LawSummary())
     with Progress("laws") as bar:
         bar.note("preparing (the first run compiles the physics)")
-        _samples(options, found, bar)
+        _random(options, results, bar)
     if options.scene is None and options.library:
-        with Progress("library") as bar:
-            _library(options, found, bar)
-    if options.scene is None and not options.no_order and options.method == "impulse":
+        with Progress("scenes") as bar:
+            _library(options, results, bar)
+    if options.scene is None and not options.no_order and options.method == _COMPLETE:
         from cylconn_ros.laws import order
 
         with Progress("order of convergence") as bar:
-            found.fits = order.fits(bar)
-    drawn = f"{found.random.samples} samples, seed {options.seed}"
-    print(f"method {options.method}: {drawn}, {time.monotonic() - begin:.0f} s\n")
-    lines = [*report.laws(found.random), *report.regimes(found.random)]
-    lines = lines if found.random.samples else []
-    lines += [
-        *report.roots(found.verdict),
-        *report.library(found.library, found.runs, found.refused),
-    ]
-    lines += [*report.pointwise(found.instants, found.momentum), *report.orders(found.fits)]
+            results.fits = order.fits(bar)
+    sampled = f"{results.random.samples} samples, seed {options.seed}"
+    print(f"method {options.method}: {sampled}, {time.monotonic() - begin:.0f} s\n")
+    lines = [*report.laws(results.random), *report.regimes(results.random)]
+    lines = lines if results.random.samples else []
+    lines += report.selection(results.selection)
+    lines += report.library(results.library, results.scenes, results.rejected)
+    lines += [*report.pointwise(results.instants, results.momentum), *report.orders(results.fits)]
     print("\n".join(lines))
-    steered = options.method == _STEERED_TO and found.random.samples >= _ENOUGH
-    few = found.random.scarce() if steered else []
-    if few:
-        print(f"\nless than 1 % of the samples in regime {', '.join(few)}: nothing is proven there")
-    off = found.broken()
-    print(_next(options, found.random, found.verdict, off))
-    return 1 if off or few else 0
+    complete = options.method == _COMPLETE and results.random.samples >= _SAMPLES
+    rare = results.random.rare_regimes() if complete else []
+    if rare:
+        print(f"\ninconclusive: less than 1 % of the samples in regime {', '.join(rare)}")
+    violated = results.violations()
+    print(_conclusion(options, results.random, results.selection, violated))
+    return 1 if violated or rare else 0
 
 
-def _samples(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
-    """Check the random samples, and the roots of as many of them as asked for."""
+def _check_method(options: argparse.Namespace) -> None:
+    """Set the default number of samples; raises CommandError for an unsuitable method."""
+    if options.method not in GUARANTEES:
+        known = ", ".join(GUARANTEES)
+        raise CommandError(f"--method {options.method}: laws are stated for {known}")
+    live = TRAITS[options.method].live
+    if options.samples is None:
+        options.samples = _SAMPLES if live else 0
+    if not live and (options.samples or options.scene is not None):
+        raise CommandError(
+            f"--method {options.method}: computes whole motions and no random samples; "
+            "leave out --samples and --scene"
+        )
+
+
+def _random(options: argparse.Namespace, results: _Results, bar: Progress) -> None:
+    """Check the random samples, and the roots of as many of them as requested."""
     from cylconn_ros.laws import residuals, sampling, selection
 
-    if options.roots and options.method == "impulse":
-        found.verdict = selection.Verdict()
+    if options.roots and options.method == _COMPLETE:
+        results.selection = selection.SelectionSummary()
     if options.scene is not None:
         numbers = range(options.scene // sampling.BLOCK, options.scene // sampling.BLOCK + 1)
     else:
         numbers = range(sampling.blocks_for(options.samples) if options.samples else 0)
     total = len(numbers) * sampling.LENGTH
-    for done, drawn in enumerate(_drawn(options, numbers)):
-        checked = residuals.check(drawn.block, options.method)
-        rows = slice(None) if options.scene is None else drawn.number == options.scene
-        where = (drawn.number[rows], drawn.chain[rows], drawn.place[rows])
-        chosen = {letter: values[rows] for letter, values in checked.items()}
-        found.random.add(chosen, drawn.block.out[rows], where)
-        if found.verdict is not None and found.verdict.samples < options.roots:
-            found.verdict.add(selection.judge(drawn.block), drawn.number, drawn.chain, drawn.place)
+    for done, part in enumerate(_sampled(options, numbers)):
+        checked = residuals.check(part.block, options.method)
+        rows = slice(None) if options.scene is None else part.number == options.scene
+        columns = (part.number[rows], part.chain[rows], part.index[rows])
+        chosen = {law: values[rows] for law, values in checked.items()}
+        results.random.add(chosen, part.block.out[rows], columns)
+        if results.selection is not None and results.selection.samples < options.roots:
+            found = selection.check(part.block)
+            results.selection.add(found, part.number, part.chain, part.index)
         bar(done + 1, total)
 
 
-def _drawn(options: argparse.Namespace, numbers: range) -> Iterator:
+def _sampled(options: argparse.Namespace, numbers: range) -> Iterator[SampledBlock]:
     from cylconn_ros.laws import sampling
 
     for number in numbers:
         yield from sampling.blocks(options.seed, number, options.method)
 
 
-def _library(options: argparse.Namespace, found: _Found, bar: Progress) -> None:
-    """The method's own runs; of minimal also the motion that its wrenches are means of."""
+def _library(options: argparse.Namespace, results: _Results, bar: Progress) -> None:
+    """Check the method's runs of the bundled scenes: samples, or instants of whole motions."""
     from cylconn_ros.laws import library, residuals
-    from cylconn_ros.laws.summary import Tally
+    from cylconn_ros.laws.summary import LawSummary
     from cylconn_ros.reference.library import LIBRARY
     from cylconn_ros.scene.resources import shipped_scenes
     from cylconn_ros.scene.scene import load
 
     files = shipped_scenes()
-    asked = {name: load(files[name]) for name in LIBRARY}
-    scenes, found.refused = library.served(asked, options.method)
-    found.runs = len(scenes)
+    scenes, results.rejected = library.accepted_scenes(
+        {name: load(files[name]) for name in LIBRARY}, options.method
+    )
+    results.scenes = len(scenes)
     for done, (name, scene) in enumerate(scenes.items()):
-        for block, index in library.run(scene, options.library).blocks():
-            tally = Tally()
-            tally.add(residuals.check(block, options.method), block.out, (index,))
-            found.library.merge(tally.named(name))
-        if options.method == "minimal":
-            _instants(found, name, scene)
+        if not TRAITS[options.method].live:
+            _instants(results, name, scene)
+        else:
+            for block, index in library.run(scene, options.library).blocks():
+                summary = LawSummary()
+                summary.add(residuals.check(block, options.method), block.out, (index,))
+                results.library.merge(summary.with_prefix(name))
         bar(done + 1, len(scenes))
 
 
-def _instants(found: _Found, name: str, scene: object) -> None:
+def _instants(results: _Results, name: str, scene: Scene) -> None:
+    """Check the instants of one motion that minimal computes."""
     import numpy as np
 
     from cylconn_ros.laws import pointwise
-    from cylconn_ros.laws.summary import Tally
-    from cylconn_ros.scene.scene import Scene
+    from cylconn_ros.laws.summary import LawSummary
 
-    assert isinstance(scene, Scene)
     residuals, momentum = pointwise.check(scene)
-    n = len(residuals["D"])
-    tally = Tally()
-    tally.count(residuals, n, (np.arange(n),))
-    found.instants = found.instants or Tally()
-    found.instants.merge(tally.named(name))
-    found.momentum = max(found.momentum, momentum)
+    summary = LawSummary()
+    summary.add_residuals(residuals, pointwise.INSTANTS, (np.arange(pointwise.INSTANTS),))
+    results.instants = results.instants or LawSummary()
+    results.instants.merge(summary.with_prefix(name))
+    results.momentum = max(results.momentum, momentum)
 
 
-def _next(
-    options: argparse.Namespace, tally: Tally, verdict: Verdict | None, off: list[str]
+def _conclusion(
+    options: argparse.Namespace,
+    summary: LawSummary,
+    selection: SelectionSummary | None,
+    violated: list[str],
 ) -> str:
-    if not off:
-        return "\nall hold (next: --samples 1000000, another --seed, --run RUN for a recording)"
-    places = [law.where for letter, law in tally.laws.items() if letter in off and law.over]
-    places += verdict.where if verdict is not None else []
-    text = f"\nBROKEN: {', '.join(off)}"
-    if options.recording is None and options.scene is None and places:
-        scene = places[0].split("/")[0]
-        text += f" (next: cylconn laws --seed {options.seed} --scene {scene} --no-order)"
+    """The last line: whether the laws hold, and the next command."""
+    if not violated:
+        return "\nall laws hold\nnext: --samples 1000000, another --seed, or --run RUN"
+    locations = [law.location for law in summary.laws.values() if law.violations]
+    locations += selection.locations if selection is not None else []
+    text = f"\nVIOLATED: {', '.join(violated)}"
+    if options.recording is None and options.scene is None and locations:
+        scene = locations[0].split("/")[0]
+        text += f"\nnext: cylconn laws --seed {options.seed} --scene {scene} --no-order"
+    elif options.recording is not None:
+        text += f"\nnext: cylconn info {options.recording}"
     return text
 
 
 def _recorded(options: argparse.Namespace) -> int:
     """Check the samples of a recorded run."""
+    from cylconn_ros.laws.runs import check_recording
+
     with Progress("laws") as bar:
-        recorded, tally = runs_recorded_or_simulated.checked(
-            options.recording, bar, options.connector
-        )
-    print(f"method {recorded.method}: {tally.samples} samples of {options.recording}\n")
-    print("\n".join([*report.laws(tally, "sample"), *report.regimes(tally)]))
-    if recorded.left_out:
-        print(f"\n{recorded.left_out} states left out: {recorded.why}")
-    off = [letter for letter, law in tally.laws.items() if not law.holds]
-    print(_next(options, tally, None, off))
-    return 0 if tally.holds and tally.samples else 1
+        recorded, summary = check_recording(options.recording, bar, options.connector)
+    print(f"method {recorded.method}: {summary.samples} samples of {options.recording}\n")
+    print("\n".join([*report.laws(summary, "sample"), *report.regimes(summary)]))
+    if recorded.skipped:
+        print(f"\nskipped: {recorded.skipped} states ({recorded.skip_reason})")
+    if not summary.samples:
+        print("\nno sample can be checked")
+        return 1
+    violated = [title(name) for name, law in summary.laws.items() if not law.holds]
+    print(_conclusion(options, summary, None, violated))
+    return 1 if violated else 0
 
 
 def _count(text: str) -> int:

@@ -1,88 +1,86 @@
-"""What ``cylconn laws`` prints: residuals of the laws, regimes, roots, library runs, orders."""
+"""Text of ``cylconn laws``: residuals of the laws, regimes, selected roots, scenes, orders."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from cylconn_ros.laws.guarantees import LAWS, title
+
 if TYPE_CHECKING:
     from cylconn_ros.laws.order import Fit
-    from cylconn_ros.laws.selection import Verdict
-    from cylconn_ros.laws.summary import Tally
+    from cylconn_ros.laws.selection import SelectionSummary
+    from cylconn_ros.laws.summary import LawSummary
 
 
-def laws(tally: Tally, place: str = "scene/start/place") -> list[str]:
-    """The worst residual of each law and where."""
-    from cylconn_ros.laws.claims import TITLES
-
-    lines = [f"{'law':<15}{'samples':>10}{'worst':>11}{'beyond 1e-12':>14}  {place}"]
-    for letter, title in TITLES.items():
-        law = tally.laws.get(letter)
+def laws(summary: LawSummary, location: str = "scene/chain/index") -> list[str]:
+    """Table of the largest residual of each law and the location of its sample."""
+    lines = [f"{'law':<15}{'samples':>10}{'worst':>11}{'beyond 1e-12':>14}  {location}"]
+    for name in LAWS:
+        law = summary.laws.get(name)
         if law is None or not law.samples:
             continue
-        where = law.where if law.value > 0.0 else ""
-        name = f"{letter} {title}"
-        lines.append(
-            f"{name:<15}{law.samples:>10}{law.value:>11.1e}{law.over:>14}  {where}".rstrip()
-        )
+        at = law.location if law.worst > 0.0 else ""
+        line = f"{title(name):<15}{law.samples:>10}{law.worst:>11.1e}{law.violations:>14}  {at}"
+        lines.append(line.rstrip())
     return lines
 
 
-def regimes(tally: Tally) -> list[str]:
-    """Samples in each regime."""
+def regimes(summary: LawSummary) -> list[str]:
+    """Table of the samples in each regime."""
     lines = ["", f"{'regime':<15}{'samples':>10}{'share':>11}"]
-    for name, count in tally.regimes.items():
-        lines.append(f"{name:<15}{count:>10}{tally.share(name):>11.2%}")
+    for name, count in summary.regimes.items():
+        lines.append(f"{name:<15}{count:>10}{summary.share(name):>11.2%}")
     return lines
 
 
-def roots(verdict: Verdict | None) -> list[str]:
-    """What brute force says."""
-    if verdict is None or not verdict.samples:
+def selection(found: SelectionSummary | None) -> list[str]:
+    """Result of the brute-force solution for all roots."""
+    if found is None or not found.samples:
         return []
     lines = [
         "",
-        f"all roots by brute force: {verdict.judged} of {verdict.samples} samples, "
-        f"{verdict.several} with several, {verdict.unsure} that hang on rounding",
-        f"answers other than the rule names: {verdict.wrong}; "
-        f"flag SEVERAL_ROOTS not as the message says: {verdict.flag}; "
-        f"restitution of {verdict.impacts} impacts not the greatest: {verdict.restitution}",
+        f"all roots by brute force: {found.checked} of {found.samples} samples checked, "
+        f"{found.several} with several roots, {found.ambiguous} ambiguous by rounding",
+        f"outputs other than the selected root: {found.wrong}; "
+        f"wrong flag SEVERAL_ROOTS: {found.flag}; "
+        f"restitution not the largest: {found.restitution} of {found.impacts} impacts",
     ]
-    return lines + [f"  at {where}" for where in verdict.where]
+    return lines + [f"  at {location}" for location in found.locations]
 
 
-def library(tally: Tally, runs: int, refused: Mapping[str, str]) -> list[str]:
-    """The method's own runs of the scene library."""
-    if not runs:
-        return []
-    lines = ["", f"{runs} scenes of the library, {tally.samples} samples", ""]
-    lines += laws(tally, "scene/sample")
-    if refused:
-        lines.append(f"not served by this method: {', '.join(refused)}")
+def library(summary: LawSummary, scenes: int, rejected: Mapping[str, str]) -> list[str]:
+    """Table for the method's runs of the bundled scenes."""
+    lines = []
+    if summary.samples:
+        lines += ["", f"{scenes} bundled scenes, {summary.samples} samples", ""]
+        lines += laws(summary, "scene/sample")
+    if rejected:
+        lines.append(f"scenes that the method does not accept: {', '.join(rejected)}")
     return lines
 
 
-def pointwise(tally: Tally | None, momentum: float) -> list[str]:
-    """The dense output of minimal offline."""
-    if tally is None:
+def pointwise(summary: LawSummary | None, momentum: float) -> list[str]:
+    """Table for the instants of the motions that minimal computes."""
+    if summary is None:
         return []
-    lines = ["", f"the motion itself, {tally.samples} instants of the same scenes offline", ""]
-    lines += laws(tally, "scene/instant")
-    lines.append(f"momentum of two free bodies kept to {momentum:.1e}")
+    lines = ["", f"motions of the bundled scenes, {summary.samples} instants", ""]
+    lines += laws(summary, "scene/instant")
+    lines.append(f"relative change of momentum of two free bodies: {momentum:.1e}")
     return lines
 
 
 def orders(fits: list[Fit]) -> list[str]:
-    """Law O."""
+    """Table of the fitted orders of convergence."""
     if not fits:
         return []
     from cylconn_ros.laws.order import PERIODS, STATED
 
     heads = "".join(f"{1e3 * period:>9.4g}" for period in PERIODS)
-    lines = ["", f"{'O order, error at h/ms':<46}{heads}   order  stated"]
+    lines = ["", f"{'order, error at h/ms':<46}{heads}   order  stated"]
     for fit in fits:
         errors = "".join(f"{error:>9.1e}" for error in fit.errors)
-        sign = "" if fit.holds else "  LESS"
-        name = f"{fit.scene}: {fit.what}"
-        lines.append(f"{name:<46}{errors}{fit.order:>8.2f}{STATED[fit.what]:>8.0f}{sign}")
+        mark = "" if fit.holds else "  TOO LOW"
+        name = f"{fit.scene}: {fit.quantity}"
+        lines.append(f"{name:<46}{errors}{fit.order:>8.2f}{STATED[fit.quantity]:>8.0f}{mark}")
     return lines

@@ -1,4 +1,4 @@
-"""``cylconn``: the commands, what they have in common and how they fail."""
+"""``cylconn``: parser and dispatch of the commands, and their exit codes."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ import sys
 from collections.abc import Sequence
 
 import cylconn_ros
-from cylconn_ros.errors import CommandError, RecordingError, SceneError
+from cylconn_ros.errors import CylconnError
 from cylconn_ros.process.interrupt import INTERRUPTED, interruptible
 
 COMMANDS = {
-    "demo": "run plant and connector as two processes and judge the recorded run",
+    "demo": "run plant and connector as two ROS 2 processes and check the recorded run",
     "simulate": "run a scene in this process, without ROS",
-    "replay": "run a recording through the connector again, or with other parameters",
-    "info": "show what is in a recorded run",
-    "report": "make one page of a recorded run: plots, friction disc, 3-D view, summary",
-    "salvage": "give back what is left of a run that was never closed",
-    "identify": "estimate friction from a recording of a joint",
-    "laws": "check the laws of the step from outside, on random states or a recorded run",
-    "bench": "measure speed and accuracy, beside others'",
+    "replay": "run a recording through the connector again, also with other parameters",
+    "info": "show the contents of a recorded run",
+    "report": "write an HTML page of a recorded run: plots, friction disc, 3-D view, summary",
+    "salvage": "recover the intact messages of a damaged run, or of one that was never closed",
+    "identify": "estimate friction parameters from a recording of a joint",
+    "laws": "check the laws of a connector step on random states, scenes or a recorded run",
+    "bench": "measure speed and accuracy, also of peer solvers",
 }
-"""Name of each command, which is also its module, and what it does."""
+"""Commands and their summaries. A command is the module of the same name in this package, with
+``add_arguments(parser)`` and ``run(options) -> exit code``. The module's docstring is its help
+text. A last paragraph that starts with ``Next:`` follows the list of arguments."""
 
 USAGE_ERROR = 2
 
@@ -31,17 +33,20 @@ def parser() -> argparse.ArgumentParser:
     """Build the parser of all commands."""
     top = argparse.ArgumentParser(
         prog="cylconn",
-        description="Cylindrical connector between two rigid bodies: run it, look at runs.",
-        epilog="cylconn COMMAND --help says how to use a command.",
+        description="Cylindrical connector with friction between two rigid bodies.",
+        epilog="Next: `cylconn COMMAND --help` explains a command; `cylconn simulate coast` runs a "
+        "scene.",
     )
     top.add_argument("--version", action="version", version=cylconn_ros.__version__)
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         module = importlib.import_module(f"cylconn_ros.cli.{name}")
+        description, _, following = (module.__doc__ or "").partition("\n\nNext: ")
         command = commands.add_parser(
             name,
             help=summary,
-            description=module.__doc__,
+            description=description,
+            epilog=f"Next: {following}" if following else None,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(command)
@@ -50,15 +55,16 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0 well, 1 something is off, 2 wrongly used.
+    """Run a command and return its exit code.
 
-    130 where it was interrupted.
+    0: success; 1: a check failed or something is missing; 2: the command cannot be carried out;
+    130: interrupted.
     """
     options = parser().parse_args(arguments)
     try:
         with interruptible(f"cylconn {options.command}"):
             return int(options.run(options))
-    except (CommandError, RecordingError, SceneError) as error:
+    except CylconnError as error:
         print(f"cylconn {options.command}: {error}", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A progress bar on standard error; a line every tenth where there is no terminal."""
+"""Progress bar on standard error; without a terminal, one line per tenth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _WIDTH = 36
 
 
 class Progress:
-    """Show how much of a known amount is done; a context manager, called with (done, total)."""
+    """Progress of a known amount of work; a context manager, called with (done, total)."""
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:
         self._label = label
@@ -23,7 +23,7 @@ class Progress:
         self._open_line = False
 
     def note(self, text: str) -> None:
-        """Say what is being waited for, until the first progress."""
+        """Show a text until the first progress."""
         if self._terminal:
             self._write(f"\r\033[K{self._label}: {text}")
             self._open_line = True
@@ -31,7 +31,7 @@ class Progress:
             self._write(f"{self._label}: {text}\n")
 
     def __call__(self, done: int, total: int) -> None:
-        """Redraw, at most twenty times a second."""
+        """Show the progress; a bar is redrawn at most twenty times a second."""
         now = time.monotonic()
         share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0
         if self._terminal:

@@ -1,9 +1,13 @@
-"""Make one page of a recorded run: plots over time, friction disc, 3-D view, summary.
+"""Write an HTML page of a recorded run: plots over time, friction disc, 3-D view, summary.
 
-RUN is a recorded directory (with metadata.yaml) or an .mcap file. The page is one file, needs no
-network and opens in any browser of 2023 or later. Of runs beyond 40 000 samples it shows the
-smallest and the largest value of short stretches, and says so; --from and --to take every sample of
-a part.
+RUN is a recorded directory (with metadata.yaml) or an .mcap file. The page is one file that works
+offline in any browser of 2023 or later. For a run of more than 40 000 samples it shows the smallest
+and largest value of short intervals, and a note on the page says so; with --from and --to it shows
+every sample of a part. The exit code is 1 if the recording is incomplete or has undecodable states.
+
+For example: cylconn report RUN -o page.html
+
+Next: open the page in a browser.
 """
 
 from __future__ import annotations
@@ -14,13 +18,13 @@ import math
 from pathlib import Path
 
 from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.summary import FIELDS, Reduction, Results
+from cylconn_ros.cli.summary import FIELDS, Reduction, RunSummary
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.report import gather, page, payload
 from cylconn_ros.report.page import Fact
 
-_CLOCK_NS = 10**17  # later stamps are a date (1973), earlier ones a simulation's time
+_CLOCK_NS = 10**17  # larger stamps are dates (from 1973 on), smaller ones simulated time
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,23 +36,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--title", help="heading of the page (default: the name of the run)")
     parser.add_argument(
-        "--from", dest="start", type=float, default=-math.inf, metavar="S", help="s, first sample"
+        "--from", dest="start", type=float, default=-math.inf, metavar="S", help="first sample, s"
     )
     parser.add_argument(
-        "--to", dest="end", type=float, default=math.inf, metavar="S", help="s, last sample"
+        "--to", dest="end", type=float, default=math.inf, metavar="S", help="last sample, s"
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page; 1 if the recording is not whole or holds states that cannot be decoded."""
+    """Write the page; 1 if the recording is incomplete or has undecodable states."""
     recorded = _read(options.recording, options.connector)
     name = options.recording.resolve().with_suffix("").name
     output = options.output or Path(f"{name}.html")
     if output.suffix not in (".html", ".htm"):
-        raise CommandError(f"{output}: a page ends in .html")
+        raise CommandError(f"{output}: the page must end in .html")
     found = gather.gather(recorded, options.start, options.end)
-    results = _reduced(found)
-    head, numbers = payload.build(found)
+    results = _summary(found)
+    head, numbers = payload.build_payload(found)
     text = page.render(
         title=options.title or name,
         facts=facts(results, recorded),
@@ -66,13 +70,14 @@ def run(options: argparse.Namespace) -> int:
     print(f"report      {output}  ({len(text) / 1e6:.1f} MB; {results.samples} samples: {shown})")
     for note in found.notes:
         print(f"note        {note}")
+    print(f"next: open {output} in a browser")
     return 0 if recorded.incomplete is None and not found.undecodable else 1
 
 
-def _reduced(found: gather.Gathered) -> Results:
-    """The results, in one more reading."""
+def _summary(found: gather.RunData) -> RunSummary:
+    """Summary of the states, which are read once more."""
     reduction, at = Reduction(), 0
-    for states in found.pieces(FIELDS):
+    for states in found.read_states(FIELDS):
         count = len(states("regime"))
         reduction.add(found.time[at : at + count], states.fields)
         at += count
@@ -80,16 +85,16 @@ def _reduced(found: gather.Gathered) -> Results:
 
 
 def _read(path: Path, connector: str) -> Run:
-    """Read a run; of a recording without a connector's states, say what makes one of it."""
-    elsewhere = f"cylconn replay {path} -o RUN makes a run of a recording of inputs"
+    """Read a run; raises CommandError for a recording without states of a connector."""
+    advice = f"cylconn replay {path} -o RUN computes them from recorded inputs"
     recorded = read_run(path, connector)
     if "cylconn_ros/msg/ConnectorState" not in recorded.types.values():
-        raise CommandError(f"{path}: holds no states of a connector; {elsewhere}")
+        raise CommandError(f"{path}: contains no states of a connector; {advice}")
     return recorded
 
 
-def facts(found: Results, recorded: Run) -> list[Fact]:
-    """Return the summary of a run."""
+def facts(found: RunSummary, recorded: Run) -> list[Fact]:
+    """The summary of a run, as lines of the page."""
     shares = [f"{share:.1%} {name}" for name, share in found.regimes.items()]
     shares.sort(key=lambda text: -float(text.split("%")[0]))
     rest = found.stop_time
@@ -109,12 +114,12 @@ def facts(found: Results, recorded: Run) -> list[Fact]:
     if found.refused:
         listed.append(Fact("refused", str(found.refused), "samples with a zero wrench", bad=True))
     if recorded.incomplete is not None:
-        listed.append(Fact("recording", "not whole", recorded.incomplete, bad=True))
+        listed.append(Fact("recording", "incomplete", recorded.incomplete, bad=True))
     return listed
 
 
-def sources(recorded: Run, found: gather.Gathered) -> list[tuple[str, str]]:
-    """Return what a run was made with."""
+def sources(recorded: Run, found: gather.RunData) -> list[tuple[str, str]]:
+    """Origin of a run: recording, version, method, parameters, messages."""
     methods = ", ".join(found.methods)
     listed = [
         ("recording", recorded.path.name),
@@ -131,5 +136,5 @@ def sources(recorded: Run, found: gather.Gathered) -> list[tuple[str, str]]:
     counts = ", ".join(f"{topic} {count}" for topic, count in sorted(recorded.counts.items()))
     listed.append(("messages", counts))
     if "salvaged" in recorded.metadata:
-        listed.append(("salvaged", recorded.metadata["salvaged"]))
+        listed.append(("recovered", recorded.metadata["salvaged"]))
     return listed

@@ -1,7 +1,11 @@
-"""Give back what is left of a run that was never closed, or whose file is damaged.
+"""Recover the intact messages of a damaged run, or of a run that was never closed.
 
-RUN is a recorded directory or an .mcap file; it is only read. What can be read of it becomes a new
-run, RUN_salvaged unless -o names another: a valid one, with an index and metadata.yaml.
+RUN is a recorded directory or an .mcap file; it is opened read-only. The recovered messages become
+a new, valid run with an index and metadata.yaml: RUN_salvaged, unless -o gives another name.
+
+For example: cylconn salvage runs/connector_1
+
+Next: cylconn info RUN_salvaged shows the recovered run.
 """
 
 from __future__ import annotations
@@ -16,14 +20,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("recording", metavar="RUN", type=Path, help="recorded directory or file")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="NAME", help="the new run (default RUN_salvaged)"
+        "-o", "--output", type=Path, metavar="NAME", help="new run (default RUN_salvaged)"
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Salvage, and say what was saved and what was wrong."""
+    """Recover a run, and print the damage and the number of recovered messages."""
     saved = salvage(options.recording, options.output)
     print(f"{options.recording}: {saved.damage}")
-    print(f"saved {saved.messages} messages over {saved.seconds:.3f} s in {saved.directory}")
+    print(f"recovered {saved.messages} messages over {saved.seconds:.3f} s in {saved.directory}")
     print(f"next: cylconn info {saved.directory}")
     return 0

@@ -1,4 +1,4 @@
-"""Find scene files: by path, or by the name of a scene that comes with the package."""
+"""Scene files by path or by name of a bundled scene, with the overrides of the command line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ bundled = shipped_scenes
 
 
 def find(name: str) -> Path:
-    """Return the file of a scene; raises CommandError naming the scenes there are."""
+    """The file of a scene, by path or name; raises CommandError with the names of all scenes."""
     path = Path(name)
     if path.is_file():
         return path
@@ -23,40 +23,50 @@ def find(name: str) -> Path:
     if name in scenes:
         return scenes[name]
     known = ", ".join(scenes) or "none"
-    raise CommandError(f"{name} is neither a file nor a scene that comes along ({known})")
+    raise CommandError(f"{name} is neither a file nor a bundled scene ({known})")
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
-    """Add --duration and --period."""
-    parser.add_argument(
-        "--duration", type=_positive, metavar="S", help="simulated seconds (the scene's otherwise)"
+    """Declare --duration or --steps, and --period."""
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument(
+        "--duration", type=_positive, metavar="S", help="simulated time, s (default: of the scene)"
     )
+    length.add_argument("--steps", type=_count, metavar="N", help="number of periods, instead")
     parser.add_argument(
-        "--period", type=_positive, metavar="H", help="sample period in seconds (the scene's)"
+        "--period", type=_positive, metavar="H", help="sample period, s (default: of the scene)"
     )
 
 
 def load_with_overrides(path: Path, options: argparse.Namespace) -> Scene:
-    """Load a scene with the duration and period given on the command line.
+    """Load a scene with the length and period of the command line.
 
-    Raises SceneError for an unusable scene, CommandError where duration or period stay open.
+    Raises SceneError for an unusable scene, CommandError if duration or period are missing.
     """
     scene = load(path)
-    if options.duration is not None:
-        plant = dataclasses.replace(scene.plant, duration=options.duration)
-        scene = dataclasses.replace(scene, plant=plant)
     if options.period is not None:
         scene = dataclasses.replace(scene, period=options.period)
-    if not math.isfinite(scene.plant.duration):
-        raise CommandError(f"{path} has no plant.duration: say how long with --duration")
     if scene.period <= 0.0:
-        raise CommandError(f"{path} has no period of its own: give one with --period")
+        raise CommandError(f"{path} has no period: give --period H")
+    duration = options.duration if options.steps is None else options.steps * scene.period
+    if duration is not None:
+        plant = dataclasses.replace(scene.plant, duration=duration)
+        scene = dataclasses.replace(scene, plant=plant)
+    if not math.isfinite(scene.plant.duration):
+        raise CommandError(f"{path} has no plant.duration: give --duration S")
     return scene
 
 
 def steps(scene: Scene) -> int:
-    """Whole periods in the scene's duration, at least one."""
+    """Number of whole periods in the scene's duration, at least one."""
     return max(1, round(scene.plant.duration / scene.period))
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be at least 1")
+    return value
 
 
 def _positive(text: str) -> float:

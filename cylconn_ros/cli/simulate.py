@@ -1,9 +1,14 @@
-"""Run a scene in this process, without ROS, with the plant and the connector step of the nodes.
+"""Simulate a scene in this process, without ROS, with the plant and connector of the nodes.
 
-SCENE is a parameter file, or the name of a scene that comes along (demo, coast, incline, …).
-A scene that comes along is compared with its exact or reference answer (docs/scenes.md), unless
---duration cuts it short. With -o the run is kept: NAME.npz holds arrays, any other NAME becomes a
-recorded run (rosbag2) as the nodes would have made it.
+SCENE is a parameter file or the name of a bundled scene (demo, coast, incline, …). The run includes
+its end: a run of 1 s ends with the state at 1 s. A bundled scene is compared with its exact or
+reference solution (docs/reference/scenes.md), unless --duration or --steps change its length. With
+-o the run is kept: NAME.npz holds arrays, any other NAME becomes a recorded run (rosbag2) with the
+messages of the nodes.
+
+For example: cylconn simulate coast -o coast_run --plot coast.png
+
+Next: show a kept run with cylconn info NAME, or make a page of it with cylconn report NAME.
 """
 
 from __future__ import annotations
@@ -21,15 +26,15 @@ import cylconn_ros
 from cylconn_ros.cli import checks, scenes
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.summary import reduce_states
+from cylconn_ros.cli.summary import summarise
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
+from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.reference import library
 from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import Run, simulate
 
-_ACCURATE = ("impulse", "minimal")
 _PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -38,83 +43,91 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="parameter file, or name of a scene")
     scenes.add_overrides(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NAME", help="keep the run (new file)")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg or .pdf")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw the run: .png, .svg or .pdf"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, keep and draw as asked; 1 if a sample was refused or the answer was missed."""
+    """Simulate, keep and draw; 1 if a sample was refused or a reference value was missed."""
     path = scenes.find(options.scene)
     _check_names(options.output, options.plot)
     scene = scenes.load_with_overrides(path, options)
     with Progress(f"simulate {path.stem}") as bar:
         bar.note("preparing (the first run compiles the physics)")
-        result = simulate(scene, scenes.steps(scene), bar)
+        result = simulate(scene, progress=bar)
     print(f"model       {result.connector.model}")
-    if result.computed is not None:
-        print(f"computed    {result.computed} (tolerance {scene.tolerance:g})")
+    if result.accuracy is not None:
+        print(f"computed    {result.accuracy} (tolerance {scene.tolerance:g})")
     state = fields(result)
-    found = reduce_states(result.time, state)
+    found = summarise(result.time, state)
     print("\n".join(describe(found)))
     print(
         f"energy      {result.energy[0]:.6g} J at the start, {result.energy[-1]:.6g} J at the end"
     )
-    well = options.duration is not None or _compare(path, result)
+    changed = options.duration is not None or options.steps is not None
+    passed = changed or _compare(path, result)
     if options.output is not None:
         _keep(result, scene, options.output)
-        inspect = "numpy.load" if options.output.suffix == ".npz" else "cylconn info"
-        print(f"kept        {options.output}  (next: {inspect} {options.output})")
+        print(f"kept        {options.output}")
     if options.plot is not None:
         _draw(result, state, path.stem, found.stop_time, options.plot)
         print(f"picture     {options.plot}")
-    if options.output is None and options.plot is None:
+    if options.output is None:
         print("next: keep the run with -o NAME, draw it with --plot FILE.png")
-    return 0 if well and not found.refused else 1
+    elif options.output.suffix == ".npz":
+        print(f"next: numpy.load('{options.output}')")
+    else:
+        print(f"next: cylconn info {options.output}")
+    return 0 if passed and not found.refused else 1
 
 
 def _compare(path: Path, result: Run) -> bool:
-    """Print how near the run came to what is known of its scene; False if not near enough.
+    """Print the comparison with the scene's reference values; False if one is missed.
 
-    Only the methods that are held to it are judged; the others are compared.
+    Values of a method of lower order are printed without a limit.
     """
     if scenes.bundled().get(path.stem) != path or path.stem not in library.LIBRARY:
         return True
-    print(f"answer      {library.LIBRARY[path.stem].source}")
+    print(f"reference   {library.LIBRARY[path.stem].source}")
     try:
-        judged = library.judge(path.stem, result)
+        compared = library.compare(path.stem, result)
     except ImportError as error:
-        print(f"            not computed: needs {error.name}, of pip install '.[demo]'")
+        print(f"            not computed: needs {error.name} (pip install '.[demo]')")
         return True
-    held_to_it = result.connector.method in _ACCURATE
+    limited = TRAITS[result.connector.method].second_order
     lines = []
-    for each in judged:
+    for each in compared:
         line = checks.against(each.name, each.value, each.expected, each.allowed, each.unit)
-        lines.append(line if held_to_it else dataclasses.replace(line, bound="", ok=None))
+        lines.append(line if limited else dataclasses.replace(line, bound="", ok=None))
     return checks.show(lines)
 
 
 def fields(result: Run) -> dict[str, np.ndarray]:
-    """Every field of ConnectorState by name, a row a sample."""
-    state = {name: result.state(name) for name, _ in layout.STATE_FIELDS}
-    whole = {
+    """Fields of ConnectorState by name, one row per sample."""
+    state = {name: result[name] for name, _ in layout.STATE_FIELDS}
+    enums = {
         "regime": layout.REGIME,
         "stop": layout.STOP,
         "lock": layout.LOCK,
         "status": layout.STATUS,
         "flags": layout.FLAGS,
     }
-    state.update({name: result.outs[:, at].astype(np.int64) for name, at in whole.items()})
+    state.update({name: result.outs[:, at].astype(np.int64) for name, at in enums.items()})
     return state
 
 
 def _check_names(output: Path | None, plot: Path | None) -> None:
-    """Refuse before the work what would be refused after it."""
+    """Raise CommandError before the simulation if a file cannot be written afterwards."""
     if plot is not None and plot.suffix not in _PICTURES:
-        raise CommandError(f"{plot}: a picture ends in one of {', '.join(_PICTURES)}")
+        raise CommandError(f"{plot}: a picture must end in one of {', '.join(_PICTURES)}")
     if plot is not None and importlib.util.find_spec("matplotlib") is None:
-        raise CommandError("--plot needs matplotlib: pip install '.[demo]' brings it")
+        raise CommandError("--plot needs matplotlib: pip install '.[demo]'")
     if output is not None:
         if output.suffix not in ("", ".npz"):
-            raise CommandError(f"{output}: ends in .npz (arrays) or in nothing (recorded run)")
+            raise CommandError(
+                f"{output}: must end in .npz (arrays) or have no suffix (recorded run)"
+            )
         if output.exists():
             raise CommandError(f"{output} exists; a run is never overwritten")
 
@@ -124,7 +137,7 @@ def _keep(result: Run, scene: Scene, output: Path) -> None:
         "version": cylconn_ros.__version__,
         "method": result.connector.method,
         "model": result.connector.model,
-        "parameters": parameter_file.dump(scene),
+        "parameters": parameter_file.dump(result.connector.scene),
     }
     if output.suffix == ".npz":
         arrays: dict[str, Any] = {"time": result.time, "motion": result.states, "out": result.outs}
@@ -140,14 +153,14 @@ def _keep(result: Run, scene: Scene, output: Path) -> None:
 
 
 def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]) -> None:
-    """Write the messages the nodes would have exchanged; log times are the stamps."""
+    """Write the messages of the nodes as a recorded run; log times are the stamps."""
     from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
     from cylconn_ros.recording.metadata import TopicInfo
     from cylconn_ros.recording.writer import RunWriter
 
     world = scene.world_frame
     topics = []
-    messages = []  # (topic, writer of a stamp and a row, first and last column, from the state?)
+    messages = []  # (topic, writer, rows)
     for name, body, motion, wrench in (
         ("/body_a", scene.body_a, layout.A_POSE, layout.FORCE_A),
         ("/body_b", scene.body_b, layout.B_POSE, layout.FORCE_B),

@@ -1,4 +1,4 @@
-"""What a run amounted to, from the connector's states: one reduction for every command."""
+"""Summary of a run from the connector's states; used by every command that shows a run."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ _STOPPED = 128
 
 
 @dataclass(frozen=True)
-class Results:
-    """Numbers of a whole run (SI units)."""
+class RunSummary:
+    """Summary of a whole run, SI units."""
 
     samples: int
     duration: float  # s, from the first to the last sample
     distance: float  # m, slide at the end
-    turns: float  # spin at the end
-    stop_time: float  # s, when it came to rest for good; NaN if it did not
+    turns: float  # rotation at the end, turns
+    stop_time: float  # s, begin of the final rest; NaN if the run does not end at rest
     worst_offset: float  # m
     worst_misalignment: float  # rad
     worst_residual: float
-    refused: int  # samples answered with a zero wrench (status not OK)
-    regimes: dict[str, float]  # share of the samples in each
-    flags: dict[str, int]  # samples with each flag that was ever up, except "stopped"
+    refused: int  # samples with a zero wrench (status not OK)
+    regimes: dict[str, float]  # share of the samples in each regime that occurs
+    flags: dict[str, int]  # samples with each flag that occurs, except "stopped"
 
 
 FIELDS = (
     "regime", "flags", "displacement", "rotation", "stop_time", "offset_violation",
     "angular_violation", "residual", "status",
 )  # fmt: skip
-"""Fields of ConnectorState that results are made of."""
+"""Fields of ConnectorState that a summary needs."""
 
 
-def reduce_states(time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[Any]]) -> Results:
-    """Reduce the states of a run.
+def summarise(time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[Any]]) -> RunSummary:
+    """Summarise the states of a run.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def reduce_states(time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray
 
 
 class Reduction:
-    """The same of states that come piece by piece."""
+    """Summary of states that are added block by block."""
 
     def __init__(self) -> None:
         self._samples = self._refused = 0
@@ -84,10 +84,10 @@ class Reduction:
         for name, worst in self._worst.items():
             self._worst[name] = float(np.maximum(worst, _largest(state[name])))
 
-    def result(self) -> Results:
-        """What all of them amount to; there must have been some."""
+    def result(self) -> RunSummary:
+        """Summary of all states added; needs at least one."""
         shares = zip(REGIMES, self._regimes / self._samples, strict=True)
-        return Results(
+        return RunSummary(
             samples=self._samples,
             duration=self._end - self._begin,
             distance=self._last["displacement"],
@@ -106,13 +106,16 @@ class Reduction:
         )
 
     def _stop_time(self) -> float:
-        """When the last rest began: the interpolated time of the step that came to rest."""
+        """Begin of the last rest, s: the interpolated time of the step that comes to rest.
+
+        Without such a step, the run is at rest from its first sample on.
+        """
         if self._last["regime"] != _STICK:
             return math.nan
-        return self._begin if math.isnan(self._stop) else self._stop  # at rest from the start
+        return self._begin if math.isnan(self._stop) else self._stop
 
 
 def _largest(values: npt.NDArray[Any]) -> float:
-    """Largest magnitude; NaN if any value is not finite, so that no check passes."""
+    """Largest magnitude; NaN if a value is not finite, so that every check fails."""
     values = np.abs(values)
     return float(values.max()) if np.isfinite(values).all() else math.nan

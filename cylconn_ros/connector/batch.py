@@ -1,19 +1,23 @@
-"""Samples of a recording in one call, each with its time since the one before."""
+"""Compiled calls of the step: one sample, or many samples in one call."""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import device_function, kernel
-from cylconn_ros.methods.dispatch import step
+from cylconn_ros.methods import dispatch
 
 Array = NDArray[np.float64]
 
+WRONG_SHAPE: Final = -1
+
 
 @device_function
-def answer(
+def process(
     method: int,
     par: Array,
     mem: Array,
@@ -21,14 +25,31 @@ def answer(
     h: float,
     period: float,
     out: Array,
-) -> None:
-    """Answer a sample (NSAMPLE,) into (NOUT,), as ``Connector.step`` does.
+) -> int:
+    """Process a sample (NSAMPLE,) into (NOUT,); returns the status.
 
-    ``h``: seconds since the sample before. ``period``: the scene's, 0 where it has none.
+    Args:
+        h: s since the previous sample, 0: one period. period: s, the scene's, 0 if it has none.
     """
     if h > 0.0 and mem[model.LAST_PERIOD] > 0.0:
         mem[model.LAST_PERIOD] = h
-    step(method, par, mem, sample, period if period != 0.0 else h, out)
+    return dispatch.step(method, par, mem, sample, period if period != 0.0 else h, out)
+
+
+@kernel
+def step(
+    method: int,
+    par: Array,
+    mem: Array,
+    sample: Array,
+    h: float,
+    period: float,
+    out: Array,
+) -> int:
+    """As :func:`process`, called from Python; WRONG_SHAPE, with nothing done, for short arrays."""
+    if sample.shape[0] != layout.NSAMPLE or out.shape[0] != layout.NOUT:
+        return WRONG_SHAPE
+    return process(method, par, mem, sample, h, period, out)
 
 
 @kernel
@@ -41,9 +62,9 @@ def run(
     period: float,
     outs: Array,
 ) -> None:
-    """Answer (N, NSAMPLE) samples into (N, NOUT), as N calls of ``Connector.step`` would.
+    """Process (N, NSAMPLE) samples in order into (N, NOUT), as N calls of :func:`step`.
 
-    ``since``: (N,) seconds since the sample before. ``period``: the scene's, 0 where it has none.
+    ``since``: (N,) s since the previous sample, 0: one period. ``period``: s, 0 if there is none.
     """
     for k in range(samples.shape[0]):
-        answer(method, par, mem, samples[k], since[k], period, outs[k])
+        process(method, par, mem, samples[k], since[k], period, outs[k])

@@ -1,55 +1,92 @@
-"""The connector: one public step for live node, replay, plant loop and benchmark alike."""
+"""Connector: the one public step, for the node, replay, the simulation and benchmarks alike."""
+
+from __future__ import annotations
 
 import math
-from types import ModuleType
+from collections.abc import Sequence
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cylconn_ros.connector import batch
+from cylconn_ros.connector.description import describe_model
+from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
-from cylconn_ros.methods import dispatch as methods
-from cylconn_ros.scene.description import describe_model
+from cylconn_ros.core.jit import COMPILED, close_signatures
+from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import LIVE, TRAITS
 from cylconn_ros.scene.packing import choose_method, pack
 from cylconn_ros.scene.scene import Scene
+from cylconn_ros.scene.schema import show
 
 Array = NDArray[np.float64]
 
-_ON_THE_WAY = (slice(model.SENT, model.AHEAD), slice(model.MISFIT, model.SEEN))  # and how late
+_IN_FLIGHT = (
+    slice(model.SENT_WRENCHES, model.PREDICTED_SAMPLE),
+    slice(model.LATENCY_MISFIT, model.LAST_SAMPLE),
+)
+"""Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
+_INPUTS = (
+    ("pose_a", layout.A_POSE, 7),
+    ("twist_a", layout.A_TWIST, 6),
+    ("pose_b", layout.B_POSE, 7),
+    ("twist_b", layout.B_TWIST, 6),
+    ("load_a", layout.A_LOAD, 6),
+    ("load_b", layout.B_LOAD, 6),
+)
 
 
 class Connector:
-    """A cylindrical connector between two bodies, answering one sample after the other.
+    """A cylindrical connector between two bodies that processes one sample after the other.
+
+    Two free components: slide along the slot axis ``e1`` of node a, and rotation about it. The
+    other four relative motions of node b against node a are constrained. Forces act on body B at
+    node b, in the axes of node a; body A receives the opposite wrench.
 
     Attributes
     ----------
-        method: the method that answers; what ``auto`` picked.
-        model: one line saying what is modelled and what is left out.
+        scene: the scene given.
+        method: the method in use; the choice of ``auto``.
+        model, not_modelled: one line each, what is modelled and what is not.
 
-    Raises :class:`~cylconn_ros.scene.schema.SceneError` for a scene that the method cannot
-    serve.
+    Raises :class:`~cylconn_ros.errors.SceneError` for a scene that the method cannot use.
+
+    Example::
+
+        import cylconn_ros as cr
+
+        connector = cr.Connector(cr.load(cr.shipped("coast")))
+        result = connector.step(pose_b=[0, 0, 0, 0, 0, 0, 1], twist_b=[1, 0, 0, 0, 0, 0])
+        print(result.force_b, result["normal_force"], result.regime)
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.method = choose_method(scene)
-        self.model = describe_model(scene, self.method)
-        self._method = methods.NAMES[self.method]
-        self._steps = _steps_of(self.method)
+        self.model, self.not_modelled = describe_model(scene, self.method)
+        if self.method not in LIVE:
+            raise SceneError(
+                f"method = {show(self.method)}: simulates whole motions offline (cylconn simulate, "
+                "cylconn_ros.simulate); a connector that processes samples needs "
+                f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
+            )
+        self._method = TRAITS[self.method].number
         self._par = pack(scene)
         self._mem = np.zeros(model.NMEM)
         self._period = scene.period
+        self._types_known = False
 
-    def reset(self) -> None:
-        """Forget the reference configuration and all history: the next sample is the first."""
+    def reset(self, keep_in_flight: bool = False) -> None:
+        """Forget the reference configuration and the history: the next sample is the first.
+
+        ``keep_in_flight`` keeps the wrenches that have been sent and not acted yet (``latency``),
+        and the estimate of the latency.
+        """
+        kept = [(part, self._mem[part].copy()) for part in _IN_FLIGHT if keep_in_flight]
         self._mem[:] = 0.0
-
-    def begin_anew(self) -> None:
-        """As :meth:`reset`, where wrenches act late: those on their way, and how late, are kept."""
-        kept = [(at, self._mem[at].copy()) for at in _ON_THE_WAY]
-        self.reset()
-        for at, numbers in kept:
-            self._mem[at] = numbers
+        for part, numbers in kept:
+            self._mem[part] = numbers
 
     def impose(
         self,
@@ -58,12 +95,12 @@ class Connector:
         velocity: float = math.nan,
         force: float = math.nan,
     ) -> None:
-        """Impose a motion or a force on an available component until told otherwise.
+        """Impose a motion or a force on an available component until the next call.
 
         ``component`` is "slide" (m, m/s, N) or "spin" (rad, rad/s, N.m). NaN leaves a quantity
-        free. A motion is a position, moving on with the velocity where one is given, or a velocity
-        alone. Raises ValueError for another component, an infinite number, a motion with a force,
-        or a motion where the method has none.
+        free. A motion is a position, which moves on with the velocity if one is given, or a
+        velocity alone. Raises ValueError for another component, an infinite number, a motion
+        together with a force, or a motion with a method that has none.
         """
         if component not in ("slide", "spin"):
             raise ValueError(f"component = {component!r}: must be slide or spin")
@@ -72,88 +109,194 @@ class Connector:
                 raise ValueError(f"{component}.{name} = {value}: must be finite, or NaN for none")
         if not math.isnan(force) and not (math.isnan(position) and math.isnan(velocity)):
             raise ValueError(f"{component}.force = {force}: must not be given with a motion")
-        if self.method == "baumgarte" and not (math.isnan(position) and math.isnan(velocity)):
-            raise ValueError(f"{component}: the method baumgarte has no imposed motion")
+        moves = not (math.isnan(position) and math.isnan(velocity))
+        if moves and not TRAITS[self.method].has_limits:
+            raise ValueError(f"{component}: the method {self.method} has no imposed motion")
         k = ("slide", "spin").index(component)
         at = model.COMMAND + 3 * k
         self._par[at : at + 3] = position, velocity, force
-        self._mem[model.IMPOSED_AT + k] = math.nan
+        self._mem[model.IMPOSED_POSITION + k] = math.nan
 
     @property
     def par(self) -> Array:
-        """The scene in numbers, with what is imposed (core/model.py)."""
+        """The parameter array of the scene, with the imposed motion (core/model.py)."""
         return self._par
 
-    def lend(self) -> tuple[int, Array, Array, float]:
-        """Method, parameters, memory and period, for compiled code that steps (series.answer).
+    def kernel_arguments(self) -> tuple[int, Array, Array, float]:
+        """Method number, parameters, memory and period for compiled code (batch.process).
 
-        Not for the method ``minimal``, whose step is compiled apart. The arrays stay the same ones.
+        The arrays are the connector's own and stay the same objects.
         """
         return self._method, self._par, self._mem, self._period
 
     @property
-    def late(self) -> int:
-        """Samples by which wrenches act late: as the scene says, or as measured so far."""
-        return self.scene.latency if self.scene.latency >= 0 else int(self._mem[model.LATE])
+    def latency(self) -> int:
+        """Samples between a sample and the action of its wrench: given, or estimated so far."""
+        return (
+            self.scene.latency
+            if self.scene.latency >= 0
+            else int(self._mem[model.MEASURED_LATENCY])
+        )
 
     @property
     def memory(self) -> Array:
-        """(NMEM,) a copy of all that is remembered; assign one to go back to it."""
+        """(NMEM,) a copy of the connector's memory; assign a copy to restore it."""
         return self._mem.copy()
 
     @memory.setter
     def memory(self, memory: Array) -> None:
         self._mem[:] = memory
 
-    def step(self, sample: Array, h: float = 0.0, out: Array | None = None) -> Array:
-        """Answer one sample.
+    @overload
+    def step(self, sample: ArrayLike, h: float = 0.0, out: Array | None = None) -> Array: ...
+
+    @overload
+    def step(
+        self,
+        sample: None = None,
+        h: float = 0.0,
+        out: Array | None = None,
+        *,
+        pose_a: ArrayLike | None = None,
+        twist_a: ArrayLike | None = None,
+        pose_b: ArrayLike | None = None,
+        twist_b: ArrayLike | None = None,
+        load_a: ArrayLike | None = None,
+        load_b: ArrayLike | None = None,
+    ) -> StepResult: ...
+
+    def step(
+        self,
+        sample: Any = None,
+        h: float = 0.0,
+        out: Array | None = None,
+        **inputs: ArrayLike | None,
+    ) -> Array | StepResult:
+        """Process one sample, given by name or as one array.
 
         Args:
-            sample: (NSAMPLE,) poses, twists and loads, SI units, world axes (core/layout.py).
-            h: seconds since the previous sample; 0: a period. It is also the time the wrench will
-                be held where the scene's period is 0.
-            out: (NOUT,) where to put the answer; a new array by default.
+            pose_a, pose_b: (7,) position (m) and quaternion x y z w of the body frame in the world.
+            twist_a, twist_b: (6,) velocity of the body frame's origin (m/s) and angular velocity
+                (rad/s), world axes.
+            load_a, load_b: (6,) known external force (N) and torque about the body frame's origin
+                (N.m) besides gravity, world axes; zero by default.
+            h: s since the previous sample; 0: one period. It is also the period for which the
+                wrench is held if the scene's ``period`` is 0.
+            sample: (NSAMPLE,) the same numbers as one array (core/layout.py), for hot loops.
+            out: (NOUT,) float64, C-contiguous and writeable: the array to write; by default new.
 
         Returns
         -------
-            (NOUT,) the two wrenches as they are published, the state block, and the whole numbers.
-            A sample that cannot be used gives a zero wrench and says why in ``STATUS``. Nothing
-            raises.
+            A :class:`StepResult` if the sample is given by name; else the (NOUT,) array of the two
+            published wrenches, the state and the enums. A sample that cannot be used (NaN, a zero
+            quaternion) gives a zero wrench; ``STATUS`` says why.
+
+        Pose and twist of a fixed body may be omitted. Raises ValueError for an argument that is
+        missing or has a wrong shape or type. Other array-likes than C-contiguous float64 arrays
+        are converted, at a higher cost per call.
         """
+        if sample is None:
+            return StepResult(self.step(self._sample_of(inputs), h, out))
+        if inputs:
+            raise ValueError(f"{next(iter(inputs))}: must not be given together with sample")
         if out is None:
             out = np.empty(layout.NOUT)
-        self._steps.step(self._method, self._par, self._mem, sample, self.begin(h), out)
+        if not self._types_known:
+            sample, h, out = _checked(sample, h, out)
+        try:
+            status = batch.step(self._method, self._par, self._mem, sample, h, self._period, out)
+        except TypeError:  # a type for which nothing is compiled
+            sample, h, out = _checked(sample, h, out)
+            status = batch.step(self._method, self._par, self._mem, sample, h, self._period, out)
+        if status == batch.WRONG_SHAPE:
+            _checked(sample, h, out)
+        if not self._types_known:
+            close_signatures(batch.step)
+            self._types_known = COMPILED
         return out
 
-    def begin(self, h: float) -> float:
-        """The period of the step to come, where the last one has taken ``h`` (0: a period)."""
+    def step_period(self, h: float) -> float:
+        """The period of the coming step, ``h`` s after the previous sample (0: one period)."""
         if h > 0.0 and self._mem[model.LAST_PERIOD] > 0.0:
             self._mem[model.LAST_PERIOD] = h
         return self._period or h
 
-    def run(self, samples: Array) -> Array:
-        """Answer (N, NSAMPLE) samples in order: (N, NOUT). The scene's period must not be 0."""
-        outs = np.empty((len(samples), layout.NOUT))
-        self._steps.run(self._method, self._par, self._mem, samples, self._period, outs)
-        return outs
+    def run(
+        self, samples: ArrayLike, since: ArrayLike | None = None, outs: Array | None = None
+    ) -> Array:
+        """Process samples in order, in one call; the result of as many calls of :meth:`step`.
 
-    def run_each(self, samples: Array, since: Array, outs: Array) -> Array:
-        """Answer (N, NSAMPLE) samples in order into (N, NOUT), as N calls of :meth:`step` do.
+        Args:
+            samples: (N, NSAMPLE). since: (N,) s since the previous sample; by default one period.
+            outs: (N, NOUT) float64, C-contiguous: the array to write; by default new.
 
-        ``since``: (N,) seconds since the sample before.
+        Returns ``outs``. Raises ValueError for wrong shapes or types, or if ``since`` is not given
+        and the scene's period is 0.
         """
-        if self.method == "minimal":  # its step is long: what a call costs is nothing beside it
-            for sample, h, out in zip(samples, since.tolist(), outs, strict=True):
-                self.step(sample, h, out)
-        else:
-            batch.run(self._method, self._par, self._mem, samples, since, self._period, outs)
+        rows = _converted(samples, "samples", (-1, layout.NSAMPLE))
+        if since is None:
+            if self._period == 0.0:
+                raise ValueError("since: must be given, as the scene's period is 0")
+            since = np.zeros(len(rows))
+        times = _converted(since, "since", (len(rows),))
+        if outs is None:
+            outs = np.empty((len(rows), layout.NOUT))
+        _check_output(outs, "outs", (len(rows), layout.NOUT))
+        batch.run(self._method, self._par, self._mem, rows, times, self._period, outs)
         return outs
 
+    def _sample_of(self, inputs: dict[str, ArrayLike | None]) -> Array:
+        """The sample array of named inputs."""
+        unknown = inputs.keys() - {name for name, _, _ in _INPUTS}
+        if unknown:
+            names = ", ".join(name for name, _, _ in _INPUTS)
+            raise ValueError(f"{min(unknown)}: no such input; there are {names}")
+        sample = np.zeros(layout.NSAMPLE)
+        for name, at, size in _INPUTS:
+            value = inputs.get(name)
+            body = self.scene.bodies["ab".index(name[-1])]
+            if value is not None:
+                sample[at : at + size] = _converted(value, name, (size,))
+            elif name.startswith("pose") and body.kind == "fixed":
+                sample[at : at + size] = body.pose
+            elif not name.startswith("load") and body.kind != "fixed":
+                raise ValueError(f"{name}: must be given, as body_{name[-1]}.kind = {body.kind!r}")
+        return sample
 
-def _steps_of(method: str) -> ModuleType:
-    """The compiled entries of a method; minimal's, which take long to compile, only when asked."""
-    if method != "minimal":
-        return methods
-    from cylconn_ros.methods.minimal import entry
 
-    return entry
+def _checked(sample: Any, h: Any, out: Any) -> tuple[Array, float, Array]:
+    """Arguments of the types that the kernel is compiled for. Raises ValueError."""
+    _check_output(out, "out", (layout.NOUT,))
+    try:
+        h = float(h)
+    except (TypeError, ValueError):
+        raise ValueError(f"h = {h!r}: must be a number of seconds") from None
+    return _converted(sample, "sample", (layout.NSAMPLE,)), h, out
+
+
+def _converted(value: Any, name: str, shape: Sequence[int]) -> Array:
+    """``value`` as a C-contiguous writeable float64 array of ``shape`` (-1: any length)."""
+    wanted = tuple("N" if n < 0 else n for n in shape)
+    try:
+        given = np.asarray(value)
+        if not np.can_cast(given.dtype, np.float64, "same_kind"):
+            raise TypeError
+        array = np.require(given, np.float64, ["C", "A", "W"])
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {value!r:.60}: must be an array of {wanted} numbers") from None
+    if array.ndim != len(shape) or any(
+        m not in (n, -1) for n, m in zip(array.shape, shape, strict=True)
+    ):
+        raise ValueError(f"{name}: has the shape {array.shape}, must be {wanted}")
+    return array
+
+
+def _check_output(array: Any, name: str, shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless compiled code can write ``array``."""
+    if not isinstance(array, np.ndarray) or array.dtype != np.float64:
+        kind = getattr(array, "dtype", type(array).__name__)
+        raise ValueError(f"{name}: is {kind}, must be a float64 array")
+    if array.shape != shape:
+        raise ValueError(f"{name}: has the shape {array.shape}, must be {shape}")
+    if not (array.flags.c_contiguous and array.flags.writeable and array.flags.aligned):
+        raise ValueError(f"{name}: must be C-contiguous, aligned and writeable")

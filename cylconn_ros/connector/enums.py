@@ -1,12 +1,12 @@
-"""What the whole numbers of ConnectorState are called, wherever people read them."""
+"""Names of the enums and flag bits of ConnectorState."""
 
 from __future__ import annotations
 
 REGIMES = ("frictionless", "stick", "slip")
-STATUS = ("not finite", "bad quaternion", "no period")
-"""Of the values but OK, 1 first."""
+STATUS = ("not finite", "bad quaternion", "no period", "unknown method")
+"""Names of the status values from 1 on; 0 is OK."""
 
-# Of the bits, lowest first.
+# Names of bits, lowest bit first.
 STOPS = ("length min", "length max", "angle min", "angle max")
 LOCKS = ("slide", "spin")
 FLAGS = (
@@ -24,6 +24,11 @@ FLAGS = (
 )
 
 
-def named(names: tuple[str, ...], bits: int) -> str:
+def names_of(names: tuple[str, ...], bits: int) -> tuple[str, ...]:
     """The names of the bits that are set."""
-    return ", ".join(name for k, name in enumerate(names) if bits >> k & 1)
+    return tuple(name for k, name in enumerate(names) if bits >> k & 1)
+
+
+def named(names: tuple[str, ...], bits: int) -> str:
+    """The names of the bits that are set, separated by commas."""
+    return ", ".join(names_of(names, bits))

@@ -1,13 +1,17 @@
-"""Samples from messages: poses, twists and loads that arrive one by one, matched by stamp.
+"""Exact-time synchronisation: poses, twists and loads of single messages to complete samples.
 
 A sample is complete when the pose and the twist of every moving body carry the same stamp. Complete
-samples come out in ascending order of stamps; what cannot be used is counted, never just dropped.
+samples have ascending stamps. Every message that does not become part of a sample is counted.
 
-Stamps that go back are of two kinds. A message overtaken on its way is *late*, and too late: time
-has moved on. A simulation started anew is a *restart*, and a new history begins. A complete sample
-older than the last is taken for a restart when it is older by more than :data:`REORDERING` periods,
-farther than messages overtake each other, or when the source insists: :data:`INSISTENCE` complete
-old samples (or the same one again and again) with none newer in between.
+A stamp that goes back has one of two causes. A message overtaken on the transport is *late*: a
+newer sample is complete already, and the message is not used. A simulation that starts again is a
+*restart*: a new history begins. A complete sample older than the last one counts as a restart in
+two cases: it is older by more than :data:`REORDERING` periods, farther than messages overtake each
+other; or :data:`MIN_OLD_SAMPLES` complete old samples (also the same one repeatedly) arrive with no
+newer sample between them.
+
+The reference path for messages ends here; messages/prefix_decoder.py writes complete samples faster
+and calls :meth:`SampleMatcher.accept`.
 """
 
 from __future__ import annotations
@@ -18,115 +22,131 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylconn_ros.connector.frames import IN_BODY, IN_WORLD, NO_LOAD, into_world
+from cylconn_ros.connector.frames import IN_BODY, IN_WORLD, NO_LOAD, into_world, write_load
 from cylconn_ros.core import layout
+from cylconn_ros.scene.inputs import BODIES
 from cylconn_ros.scene.scene import Scene
 
-REORDERING = 10
-INSISTENCE = 3
-_MAX_PENDING = 64  # samples under construction: more than a queue of 50 messages can hold
-_MAX_OLD = 8
+REORDERING = 10  # periods
+MIN_OLD_SAMPLES = 3
+_MAX_PENDING = 64  # incomplete samples: more than a queue of 50 messages can hold
+_MAX_OLD = 8  # incomplete samples older than the last complete one
 
-STREAMS = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
-PLACES = (
+QUANTITIES = tuple(f"{body}/{quantity}" for body in BODIES for quantity in ("pose", "twist"))
+"""The quantities of a sample; bit k of a set of quantities stands for QUANTITIES[k]."""
+_POSE, _TWIST = 0, 1  # the quantity of a body is 2 body + one of these
+_AT = (
     slice(layout.A_POSE, layout.A_POSE + 7),
     slice(layout.A_TWIST, layout.A_TWIST + 6),
     slice(layout.B_POSE, layout.B_POSE + 7),
     slice(layout.B_TWIST, layout.B_TWIST + 6),
 )
-_LOADS = (slice(layout.A_LOAD, layout.A_LOAD + 6), slice(layout.B_LOAD, layout.B_LOAD + 6))
-_POSE, _TWIST = 0, 1  # streams of a body: 2 body + one of these
 
 Vector = Sequence[float]
 
 
-class Matched(NamedTuple):
+class SynchronizedSample(NamedTuple):
     """A complete sample; its numbers are in :attr:`SampleMatcher.sample`."""
 
     stamp: int  # ns
     h: float  # s since the sample before; 0 for the first of a history
-    repeated: bool  # the last sample came again: nothing is to be computed
+    repeated: bool  # the last sample arrived once more: nothing is to be computed
     restarted: bool  # stamps went back: a new history begins
 
 
 @dataclasses.dataclass
 class Counts:
-    """What became of the messages."""
+    """Counters of samples and of messages that did not become part of one."""
 
     samples: int = 0  # complete samples, each stamp once
-    answered_again: int = 0  # complete samples that repeat the last stamp
-    repeated: int = 0  # messages already received for the last sample or one under construction
+    duplicate_samples: int = 0  # complete samples with the last stamp
+    duplicate_messages: int = 0  # messages already received for the last or an incomplete sample
     late: int = 0  # messages older than the last complete sample
-    incomplete: int = 0  # samples given up: a newer one was complete, or too many waited
+    incomplete: int = 0  # samples dropped: a newer one was complete, or too many were incomplete
     restarts: int = 0  # times the stamps went back to a new history
-    foreign_frames: int = 0  # messages whose frame_id names no frame of the scene
+    unknown_frames: int = 0  # messages whose frame_id is no frame of the scene
+
+
+class UnknownFrame(NamedTuple):
+    """A frame_id that is no frame of the scene, and the axes that are assumed instead."""
+
+    body: int
+    quantity: str  # pose, twist or load
+    frame: str
+    axes: str  # world or body
 
 
 class _Slot:
-    """A sample under construction."""
+    """An incomplete sample."""
 
-    __slots__ = ("newest", "pieces", "seen", "stamp")
+    __slots__ = ("newest", "pieces", "received", "stamp")
 
     def __init__(self, stamp: int) -> None:
         self.stamp = stamp
-        self.newest = stamp  # of its pieces
-        self.seen = 0  # one bit a stream
+        self.newest = stamp  # of its messages
+        self.received = 0  # bits of the quantities
         self.pieces: list[tuple[Vector, bool]] = [((), True)] * 4
 
 
 class SampleMatcher:
-    """Match messages into samples; one per connector, bounded in memory.
+    """Synchronise messages to samples; one per connector, bounded in memory.
 
-    Each message gives ``None``, or a :class:`Matched` when it completes a sample. With a stamp
-    tolerance the sample's stamp is the newest of its messages'.
+    Each method that takes a message returns ``None``, or a :class:`SynchronizedSample` if the
+    message completes one. With a stamp tolerance the sample has the newest stamp of its messages.
 
     Attributes
     ----------
     sample
-        (38,) float64, the numbers of the last complete sample (core/layout.py), a fixed body's from
-        the scene.
+        (NSAMPLE,) float64, the numbers of the last complete sample (core/layout.py); the pose of a
+        fixed body is that of the scene.
     counts
-        What became of the messages.
+        Counters of samples and of unused messages.
     received
-        Messages received, by stream.
+        Number of messages received, by quantity.
+    needed
+        Bits of the quantities that a sample needs: those of the moving bodies.
     load_numbers, load_axes
-        (12,), (2,) the loads in force of A and B, and NO_LOAD, IN_WORLD or IN_BODY for each.
+        (12,), (2,) the loads in force on A and B, and NO_LOAD, IN_WORLD or IN_BODY for each.
+    unknown_frame
+        The last frame_id that is no frame of the scene, or None.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.sample = np.zeros(layout.NSAMPLE)
         self.counts = Counts()
-        self.received = dict.fromkeys(STREAMS, 0)
+        self.received = dict.fromkeys(QUANTITIES, 0)
         self._tolerance = round(scene.stamp_tolerance * 1e9)
         self._period = round(scene.period * 1e9)
         self._world = scene.world_frame
         self._frames = tuple(body.frame for body in scene.bodies)
         self._world_by_default = scene.twist_axes == "world"
-        self._needed = 0
+        self.needed = 0
         for index, body in enumerate(scene.bodies):
             if body.kind == "fixed":
-                self.sample[PLACES[2 * index + _POSE]] = body.pose
+                self.sample[_AT[2 * index + _POSE]] = body.pose
             else:
-                self._needed |= 0b11 << 2 * index
-        self._names = [STREAMS[stream] for stream in self.needed]
+                self.needed |= 0b11 << 2 * index
+        self._names = [name for bit, name in enumerate(QUANTITIES) if self.needed >> bit & 1]
         self.load_numbers = np.zeros(2 * 6)
         self.load_axes = np.full(2, NO_LOAD)
+        self.unknown_frame: UnknownFrame | None = None
         self._pending: dict[int, _Slot] = {}
         self._old: dict[int, _Slot] = {}
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
-        """Forget stamps and samples under construction; loads and counts stay."""
-        self._give_up_pending()
+    def reset(self) -> None:
+        """Forget stamps and incomplete samples; loads and counts stay."""
+        self._drop_pending()
         self._last: int | None = None
         self._step = 0
-        self._again = 0  # bits of the last sample's streams that came again
-        self._insisted = 0
+        self._duplicates = 0  # bits of the quantities received once more for the last sample
+        self._old_samples = 0  # complete old samples since the last newer one
         self._old.clear()
 
-    def take_over(self, other: SampleMatcher, history: bool) -> None:
-        """Go on with another matcher's counts and loads; with ``history``, also after its stamp."""
+    def restore_from(self, other: SampleMatcher, history: bool) -> None:
+        """Adopt another matcher's counts and loads; with ``history``, also its last stamp."""
         self.counts, self.received = other.counts, other.received
+        self.unknown_frame = other.unknown_frame
         self.load_numbers[:], self.load_axes[:] = other.load_numbers, other.load_axes
         if history:
             self._last, self._step = other._last, other._step
@@ -137,63 +157,43 @@ class SampleMatcher:
         return self._last
 
     @property
-    def needed(self) -> tuple[int, ...]:
-        """Numbers of the streams that a sample needs, in :data:`STREAMS`."""
-        return tuple(k for k in range(len(STREAMS)) if self._needed >> k & 1)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether samples are under construction, or may be made of several stamps."""
+    def has_pending(self) -> bool:
+        """Whether samples are incomplete, or may consist of messages with different stamps."""
         return bool(self._pending or self._tolerance)
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Streams that a sample needs and that have brought nothing so far."""
-        needed = (name for bit, name in enumerate(STREAMS) if self._needed >> bit & 1)
-        return tuple(name for name in needed if not self.received[name])
+        """Quantities that a sample needs and of which no message was received so far."""
+        return tuple(name for name in self._names if not self.received[name])
 
     @property
-    def apart(self) -> int | None:
-        """Ns by which the stamps of one sample differ at least, as far as the waiting ones say.
+    def stamp_offset(self) -> int | None:
+        """Least difference in ns between the stamps of one sample, as the incomplete samples show.
 
-        None where a stream has brought nothing that waits.
+        None if the incomplete samples lack a quantity altogether.
         """
         stamps = [
-            [slot.stamp for slot in self._pending.values() if slot.seen >> bit & 1]
-            for bit in range(len(STREAMS))
-            if self._needed >> bit & 1
+            [slot.stamp for slot in self._pending.values() if slot.received >> bit & 1]
+            for bit in range(len(QUANTITIES))
+            if self.needed >> bit & 1
         ]
         if not stamps or not all(stamps):
             return None
         first, *others = stamps
         return min(max(min(abs(s - t) for t in other) for other in others) for s in first)
 
-    def is_new(self, stamp: int) -> bool:
-        """Whether a stamp is newer than the last complete sample's."""
-        return self._last is None or stamp > self._last
+    def accept(self, stamp: int) -> SynchronizedSample:
+        """Count a complete sample whose numbers the caller writes to :attr:`sample`, world axes.
 
-    def straight(self, stamp: int) -> Matched:
-        """Take a sample all of whose messages came together, at a stamp that :meth:`is_new`.
-
-        The caller writes its numbers, world axes, to :attr:`sample` at :data:`PLACES` and then
-        calls :meth:`fill_loads`. Not to be used while others are :attr:`waiting`.
+        ``stamp`` must be newer than the last, and no sample may be incomplete
+        (:attr:`has_pending`).
         """
         for name in self._names:
             self.received[name] += 1
         return self._begin(stamp, self._last)
 
-    @property
-    def loads(self) -> tuple[tuple[Vector, bool] | None, ...]:
-        """For each body the load in force and whether it is in world axes, or None."""
-        return tuple(
-            None if axes == NO_LOAD else (numbers, axes == IN_WORLD)
-            for numbers, axes in zip(
-                self.load_numbers.reshape(2, 6).tolist(), self.load_axes.tolist(), strict=True
-            )
-        )
-
-    def went_on(self, stamp: int, before: int | None, samples: int) -> None:
-        """Count ``samples`` that were matched elsewhere, as :meth:`straight` would have.
+    def advance(self, stamp: int, before: int | None, samples: int) -> None:
+        """Count ``samples`` complete samples, as that many calls of :meth:`accept` do.
 
         ``stamp`` and ``before``: of the last of them, and of the one before it, if any.
         """
@@ -202,74 +202,88 @@ class SampleMatcher:
         self._begin(stamp, before)
         self.counts.samples += samples - 1
 
-    def pose(self, body: int, stamp: int, frame: str, pose: Vector) -> Matched | None:
-        """Take the pose (7: position, quaternion) of body A (0) or B (1) in the world."""
+    def pose(self, body: int, stamp: int, frame: str, pose: Vector) -> SynchronizedSample | None:
+        """Process the pose (7: position, quaternion xyzw) of body A (0) or B (1) in the world."""
         if frame and frame != self._world:
-            self.counts.foreign_frames += 1
+            self._count_unknown_frame(body, "pose", frame, "world")
         return self._add(2 * body + _POSE, stamp, pose, True)
 
-    def twist(self, body: int, stamp: int, frame: str, twist: Vector) -> Matched | None:
-        """Take the twist (6: velocity of the frame's origin, angular velocity) of a body.
+    def twist(self, body: int, stamp: int, frame: str, twist: Vector) -> SynchronizedSample | None:
+        """Process the twist (6: velocity of the frame's origin, angular velocity) of a body.
 
-        ``frame`` says in which axes it is: the world frame's name, the body frame's, or neither.
+        ``frame`` states its axes: the world frame's name or the body frame's. With any other name
+        the axes are those of the parameter ``twist_axes``.
         """
-        return self._add(2 * body + _TWIST, stamp, twist, self._in_world(body, frame))
+        return self._add(2 * body + _TWIST, stamp, twist, self._in_world(body, "twist", frame))
 
-    def odometry(
-        self, body: int, stamp: int, frames: tuple[str, str], pose: Vector, twist: Vector
-    ) -> Matched | None:
-        """Take pose and twist in one; ``frames`` are its header's and its child frame.
+    def motion(
+        self, body: int, stamp: int, frames: tuple[str, str | None], pose: Vector, twist: Vector
+    ) -> SynchronizedSample | None:
+        """Process a message of any input type; a quantity that it does not carry is empty.
 
-        The twist is in the child frame: the body's axes, unless it names the world frame.
+        ``frames``: of its header, and its child frame or None. With a child frame the twist is in
+        body axes, unless the child frame is the world frame.
         """
         frame, child = frames
-        first = self.pose(body, stamp, frame, pose)
+        first = self.pose(body, stamp, frame, pose) if len(pose) else None
+        if not len(twist):
+            return first
+        if child is None:
+            return self.twist(body, stamp, frame, twist) or first
         if child not in (self._world, self._frames[body], ""):
-            self.counts.foreign_frames += 1
+            self._count_unknown_frame(body, "twist", child, "body")
         second = self._add(2 * body + _TWIST, stamp, twist, child == self._world)
         return second or first
 
     def load(self, body: int, frame: str, load: Vector) -> None:
-        """Take a body's external load (6: force, torque about the frame's origin).
+        """Set a body's external load (6: force, torque about the frame's origin).
 
-        It is held until the next, in the axes ``frame`` names (rule as for a twist).
+        It acts until the next one. ``frame`` states its axes, as for :meth:`twist`.
         """
         self.load_numbers[6 * body : 6 * body + 6] = load
-        self.load_axes[body] = IN_WORLD if self._in_world(body, frame) else IN_BODY
+        self.load_axes[body] = IN_WORLD if self._in_world(body, "load", frame) else IN_BODY
 
-    def _in_world(self, body: int, frame: str) -> bool:
+    def _in_world(self, body: int, quantity: str, frame: str) -> bool:
         if frame == self._world:
             return True
         if frame == self._frames[body]:
             return False
         if frame:
-            self.counts.foreign_frames += 1
+            axes = "world" if self._world_by_default else "body"
+            self._count_unknown_frame(body, quantity, frame, axes)
         return self._world_by_default
 
-    def _add(self, stream: int, stamp: int, values: Vector, in_world: bool) -> Matched | None:
-        self.received[STREAMS[stream]] += 1
-        bit = 1 << stream
-        if not self._needed & bit:
+    def _count_unknown_frame(self, body: int, quantity: str, frame: str, axes: str) -> None:
+        self.counts.unknown_frames += 1
+        self.unknown_frame = UnknownFrame(body, quantity, frame, axes)
+
+    def _add(
+        self, quantity: int, stamp: int, values: Vector, in_world: bool
+    ) -> SynchronizedSample | None:
+        self.received[QUANTITIES[quantity]] += 1
+        bit = 1 << quantity
+        if not self.needed & bit:
             return None
         last = self._last
         if last is not None and stamp <= last + self._tolerance:
             if stamp >= last - self._tolerance:
-                return self._repeat(bit)
+                return self._add_duplicate(bit)
             self.counts.late += 1
             slot = self._slot(self._old, stamp)
         else:
             slot = self._slot(self._pending, stamp)
-        if slot.seen & bit:
-            self.counts.repeated += slot.stamp in self._pending  # old ones count as late already
+        if slot.received & bit:
+            # An old message is already counted as late.
+            self.counts.duplicate_messages += slot.stamp in self._pending
             return None
-        slot.seen |= bit
+        slot.received |= bit
         slot.newest = max(slot.newest, stamp)
-        slot.pieces[stream] = (values, in_world)
-        if slot.seen != self._needed:
+        slot.pieces[quantity] = (values, in_world)
+        if slot.received != self.needed:
             return None
         if last is not None and slot.newest < last:
-            return self._older(slot, last)
-        return self._emit(slot, last)
+            return self._complete_old(slot, last)
+        return self._complete(slot, last)
 
     def _slot(self, slots: dict[int, _Slot], stamp: int) -> _Slot:
         slot = slots.get(stamp)
@@ -287,69 +301,62 @@ class SampleMatcher:
         slot = slots[stamp] = _Slot(stamp)
         return slot
 
-    def _repeat(self, bit: int) -> Matched | None:
-        """Count a message of the last sample; answer once all of them have come again."""
-        self.counts.repeated += 1
-        self._again |= bit
-        if self._again != self._needed:
+    def _add_duplicate(self, bit: int) -> SynchronizedSample | None:
+        """Count a message with the last sample's stamp; the last of all of them repeats the sample."""
+        self.counts.duplicate_messages += 1
+        self._duplicates |= bit
+        if self._duplicates != self.needed:
             return None
-        self._again = 0
-        self.counts.answered_again += 1
+        self._duplicates = 0
+        self.counts.duplicate_samples += 1
         assert self._last is not None
-        return Matched(self._last, 0.0, repeated=True, restarted=False)
+        return SynchronizedSample(self._last, 0.0, repeated=True, restarted=False)
 
-    def _older(self, slot: _Slot, last: int) -> Matched | None:
+    def _complete_old(self, slot: _Slot, last: int) -> SynchronizedSample | None:
         """Decide whether a complete sample older than the last is late or a restart."""
         del self._old[slot.stamp]
-        self._insisted += 1
+        self._old_samples += 1
         reach = REORDERING * (self._period or self._step)
-        if last - slot.newest <= reach and self._insisted < INSISTENCE:
+        if last - slot.newest <= reach and self._old_samples < MIN_OLD_SAMPLES:
             return None
         self.counts.restarts += 1
-        self.counts.late -= self._needed.bit_count()
-        self._give_up_pending()
-        return self._emit(slot, None)._replace(restarted=True)
+        self.counts.late -= self.needed.bit_count()
+        self._drop_pending()
+        return self._complete(slot, None)._replace(restarted=True)
 
-    def _give_up_pending(self) -> None:
+    def _drop_pending(self) -> None:
         self.counts.incomplete += len(self._pending)
         self._pending.clear()
 
-    def _emit(self, slot: _Slot, last: int | None) -> Matched:
+    def _complete(self, slot: _Slot, last: int | None) -> SynchronizedSample:
         stamp = slot.newest
         self._pending.pop(slot.stamp, None)
         overtaken = [older for older in self._pending if older < stamp]
         for older in overtaken:
             del self._pending[older]
         self.counts.incomplete += len(overtaken)
-        self._fill(slot)
+        self._write(slot)
         return self._begin(stamp, last)
 
-    def _begin(self, stamp: int, last: int | None) -> Matched:
+    def _begin(self, stamp: int, last: int | None) -> SynchronizedSample:
         if self._old:
             self._old.clear()
-        self._again = self._insisted = 0
+        self._duplicates = self._old_samples = 0
         self._step = 0 if last is None else stamp - last
         self._last = stamp
         self.counts.samples += 1
-        return Matched(stamp, self._step * 1e-9, False, False)
+        return SynchronizedSample(stamp, self._step * 1e-9, False, False)
 
-    def _fill(self, slot: _Slot) -> None:
-        """Write the sample's numbers; what is in body axes is turned into the world's."""
+    def _write(self, slot: _Slot) -> None:
+        """Write the numbers of a sample to :attr:`sample`, twists and loads in world axes."""
         for body in (0, 1):
-            if self._needed >> 2 * body & 1:
+            if self.needed >> 2 * body & 1:
                 pose, _ = slot.pieces[2 * body + _POSE]
                 twist, in_world = slot.pieces[2 * body + _TWIST]
-                self.sample[PLACES[2 * body + _POSE]] = pose
-                self.sample[PLACES[2 * body + _TWIST]] = (
-                    twist if in_world else into_world(pose, twist)
-                )
-        self.fill_loads()
-
-    def fill_loads(self) -> None:
-        """Write the loads in force to the sample; those in body axes turn with its poses."""
-        if not self.load_axes.any():
-            return
-        for body, load in enumerate(self.loads):
-            if load is not None:
-                pose = self.sample[PLACES[2 * body + _POSE]].tolist()
-                self.sample[_LOADS[body]] = load[0] if load[1] else into_world(pose, load[0])
+                self.sample[_AT[2 * body + _POSE]] = pose
+                self.sample[_AT[2 * body + _TWIST]] = twist if in_world else into_world(pose, twist)
+        if self.load_axes.any():
+            # Python floats: faster than the elements of an array
+            numbers, sample = self.load_numbers.data, self.sample.data
+            for body in (0, 1):
+                write_load(body, numbers, self.load_axes.data, sample)

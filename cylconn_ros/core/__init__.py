@@ -1,1 +1,1 @@
-"""The physics of the connector: NumPy and the compiler only, no ROS, no files, no clock."""
+"""Physics of the connector. Imports NumPy and the compiler only; no ROS, files or clock."""

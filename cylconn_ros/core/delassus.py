@@ -1,4 +1,4 @@
-"""What a wrench at node b does to the relative velocity there: G = J M^-1 J^T."""
+"""The Delassus operator at node b, G = J M^-1 J^T: relative velocity per unit impulse."""
 
 from typing import NamedTuple
 
@@ -20,10 +20,10 @@ from cylconn_ros.core.vectors import (
 )
 
 
-class Inertia(NamedTuple):
-    """G by its 3x3 blocks: force to velocity, moment to velocity, moment to spin.
+class DelassusOperator(NamedTuple):
+    """G by its 3x3 blocks: force to velocity, moment to velocity, moment to angular velocity.
 
-    Forces and velocities in the axes of a, E; moments and spins there too, or in N = E S.
+    Forces and velocities are in the axes of a, E; moments and angular velocities in E or N = E S.
     """
 
     ff: Symmetric
@@ -32,12 +32,12 @@ class Inertia(NamedTuple):
 
 
 @inline_function
-def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> Inertia:
-    """What a unit wrench at node b does to the velocity there, one body, axes of a."""
+def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> DelassusOperator:
+    """The operator of one body, axes of a; ``arm``: node b from the mass centre, world axes."""
     zero = (0.0, 0.0, 0.0)
     if not body.free:
         none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return Inertia(none, (zero, zero, zero), none)
+        return DelassusOperator(none, (zero, zero, zero), none)
     j = tensor_in(product(axes, matrix(orientation)), body.inverse_inertia)
     r = into(axes, arm)
     # dv = f/m + (j (r x f + m)) x r;  dw = j (r x f + m)
@@ -50,15 +50,15 @@ def of_body(body: Body, axes: Matrix, orientation: Quaternion, arm: Vector) -> I
     f2 = add(scale(r[1], m0), scale(-r[0], m1))
     ff = (i + f0[0], f0[1], f0[2], i + f1[1], f1[2], i + f2[2])
     fm = ((m0[0], m1[0], m2[0]), (m0[1], m1[1], m2[1]), (m0[2], m1[2], m2[2]))
-    return Inertia(ff, fm, j)
+    return DelassusOperator(ff, fm, j)
 
 
 @inline_function
-def of_both(a: Inertia, b: Inertia) -> Inertia:
-    """What opposite wrenches on both bodies do to the relative velocity."""
+def sum_of_bodies(a: DelassusOperator, b: DelassusOperator) -> DelassusOperator:
+    """The operator of the relative velocity: opposite wrenches act on both bodies."""
     x, y = a.ff, b.ff
     u, v = a.mm, b.mm
-    return Inertia(
+    return DelassusOperator(
         (x[0] + y[0], x[1] + y[1], x[2] + y[2], x[3] + y[3], x[4] + y[4], x[5] + y[5]),
         (add(a.fm[0], b.fm[0]), add(a.fm[1], b.fm[1]), add(a.fm[2], b.fm[2])),
         (u[0] + v[0], u[1] + v[1], u[2] + v[2], u[3] + v[3], u[4] + v[4], u[5] + v[5]),
@@ -66,11 +66,11 @@ def of_both(a: Inertia, b: Inertia) -> Inertia:
 
 
 @inline_function
-def swung(g: Inertia, swing: Quaternion) -> Inertia:
-    """G with moments and spins counted in N = E S instead of E."""
+def in_swing_axes(g: DelassusOperator, swing: Quaternion) -> DelassusOperator:
+    """G with moments and angular velocities in N = E S instead of E."""
     if aligned(swing):
         return g
     n = matrix(swing)  # columns: N in the axes of a
     back = ((n[0][0], n[1][0], n[2][0]), (n[0][1], n[1][1], n[2][1]), (n[0][2], n[1][2], n[2][2]))
     fm = (into(n, g.fm[0]), into(n, g.fm[1]), into(n, g.fm[2]))
-    return Inertia(g.ff, fm, tensor_in(back, g.mm))
+    return DelassusOperator(g.ff, fm, tensor_in(back, g.mm))

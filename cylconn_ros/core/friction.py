@@ -1,18 +1,24 @@
-"""Coulomb friction of the cylindrical connector: one disc for slide and spin.
+"""Coulomb friction of the cylindrical connector: one friction disc for sliding and spinning.
 
 Fr    = sqrt(f2^2 + f3^2)              radial force
 Mbend = sqrt(m2^2 + m3^2)              bending moment
-Fbend = 2 Mbend / L                    L: overlap of shaft and sleeve; L = 0: Mbend ignored
-FN    = |Fr + Fbend + FCint|           FCint: self-equilibrated contact force, of either sign
+Fbend = 2 Mbend / L                    L: overlap length of shaft and sleeve; L = 0: Mbend ignored
+FN    = |Fr + Fbend + FCint|           FCint: self-equilibrated preload force, of either sign
 P     = sqrt(f1f^2 + (m1f/R)^2)        traction; R: effective radius of the shaft
 limit = min(cap, mu FN)                P < limit: stick; P = limit: slip, against the slip velocity
 
-mu    = mu_k + (mu_s - mu_k) exp(-dc |s|), or a table over slip rate |s| and contact force FN
-s     = (v1, R w1), the work partner of phi = (f1f, m1f/R)
+mu    = mu_k + (mu_s - mu_k) exp(-dc |s|), or a table over slip rate |s| and normal force FN
+s     = (v1, R w1), the work-conjugate of phi = (f1f, m1f/R)
+
+This module alone knows the order of the law's numbers in the parameter array: ``pack`` writes them,
+``unpack`` reads them. The search for roots (core/slip_curve.py, core/traction.py) relies on bounds
+of mu that are stated here: ``least_coefficient``, ``greatest_coefficient`` and the slopes
+``rate_slope``, ``force_slope``. A change of the law has to keep them valid, or roots are missed.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,31 +29,135 @@ from cylconn_ros.core.small_matrices import Four
 Array = NDArray[np.float64]
 
 
+_SMALL_COEFFICIENT: Final = 1e-9
+
+
 class Law(NamedTuple):
-    """The constants of the law; the table, where there is one, lies in the parameter array."""
+    """Constants of the friction law; the values of a table are in the parameter array."""
 
     on: bool
-    kinetic: float  # mu_k, or the least of the table
-    static: float  # mu_s, or the greatest of the table; never less than kinetic
+    kinetic: float  # mu_k, or the least value of the table
+    static: float  # mu_s, or the greatest value of the table; never less than kinetic
     decay: float  # dc, s/m
     cap: float  # N, on P
     radius: float  # R, m
-    bending: float  # 2/L, 1/m; 0 where L = 0
+    bending: float  # 2/L, 1/m; 0 if L = 0
     preload: float  # FCint, N
-    rate_slope: float  # greatest |d mu / d|s||, s/m
-    force_slope: float  # greatest |d mu / d FN|, 1/N
-    rates: int  # entries of the table, 0: none
-    forces: int
-    table: int  # index of its first number in the parameter array
+    rate_slope: float  # Lipschitz bound of mu over |s|, s/m
+    force_slope: float  # Lipschitz bound of mu over FN, 1/N
+    rates: int  # number of slip rates in the table; 0: no table
+    forces: int  # number of normal forces in the table
+    table: int  # index of the table's first number in the parameter array
+
+
+SIZE: Final = len(Law._fields) - 1
+"""Numbers of a packed law: all fields but the index of the table."""
+
+
+class Table(NamedTuple):
+    """Mu over slip rate and normal force: values row by row, one row per rate."""
+
+    rates: Sequence[float]  # m/s, ascending
+    forces: Sequence[float]  # N, ascending
+    values: Sequence[float]
+
+
+def make_law(
+    *, on: bool, coefficient: float, static_coefficient: float, decay: float, cap: float,
+    radius: float, overlap: float, preload: float, table: Table | None,
+) -> Law:  # fmt: skip
+    """The law for the parameters ``friction.*`` of a scene (NaN: not given), slopes included."""
+    least = coefficient
+    greatest = coefficient if math.isnan(static_coefficient) else static_coefficient
+    rate_slope, force_slope = decay * abs(greatest - least), 0.0
+    if table is not None:
+        least, greatest = min(table.values), max(table.values)
+        rate_slope, force_slope = _slopes(table)
+    return Law(
+        on, least, greatest, decay, cap,
+        0.0 if math.isnan(radius) else radius,
+        2.0 / overlap if overlap > 0.0 else 0.0,
+        preload, rate_slope, force_slope,
+        0 if table is None else len(table.rates),
+        0 if table is None else len(table.forces),
+        0,
+    )  # fmt: skip
+
+
+def _slopes(table: Table) -> tuple[float, float]:
+    """Greatest slopes of the table over slip rate (s/m) and normal force (1/N)."""
+    grid = np.array(table.values).reshape(len(table.rates), len(table.forces))
+    over_rate = np.abs(np.diff(grid, axis=0)) / np.diff(table.rates)[:, None]
+    over_force = np.abs(np.diff(grid, axis=1)) / np.diff(table.forces)[None, :]
+    return float(over_rate.max(initial=0.0)), float(over_force.max(initial=0.0))
 
 
 class Contact(NamedTuple):
-    """What the constraint reactions press together."""
+    """Contact forces between shaft and sleeve, N, and the bending moment, N.m."""
 
     radial: float  # Fr
     moment: float  # Mbend
     bending: float  # Fbend
     normal: float  # FN
+
+
+def with_limit(law: Law, limit: float, pressed: Contact) -> Law:
+    """A law whose limit is ``limit`` (N) at the contact ``pressed``, and nearly constant elsewhere.
+
+    A coefficient so small that changes of the reactions hardly count, and a preload that makes up
+    for it.
+    """
+    preload = max(limit / _SMALL_COEFFICIENT - pressed.radial - pressed.bending, 0.0)
+    return law._replace(
+        kinetic=_SMALL_COEFFICIENT, static=_SMALL_COEFFICIENT, decay=0.0, cap=math.inf,
+        preload=preload, rate_slope=0.0, force_slope=0.0, rates=0, forces=0,
+    )  # fmt: skip
+
+
+def pack(law: Law) -> tuple[float, ...]:
+    """(SIZE,) the law's numbers as they are in the parameter array, without the table's values."""
+    return tuple(map(float, law[:SIZE]))
+
+
+@inline_function
+def unpack(par: Array, at: int, table: int) -> Law:
+    """The law whose numbers begin at index ``at`` of ``par`` and its table at index ``table``."""
+    return Law(
+        par[at] != 0.0,
+        par[at + 1],
+        par[at + 2],
+        par[at + 3],
+        par[at + 4],
+        par[at + 5],
+        par[at + 6],
+        par[at + 7],
+        par[at + 8],
+        par[at + 9],
+        int(par[at + 10]),
+        int(par[at + 11]),
+        table,
+    )
+
+
+@inline_function
+def without_preload(law: Law) -> Law:
+    """The same law with FCint = 0: a finite force has no impulse in an impact."""
+    return Law(
+        law.on, law.kinetic, law.static, law.decay, law.cap, law.radius, law.bending, 0.0,
+        law.rate_slope, law.force_slope, law.rates, law.forces, law.table,
+    )  # fmt: skip
+
+
+@inline_function
+def least_coefficient(law: Law) -> float:
+    """A lower bound of mu at any slip rate and normal force."""
+    return law.kinetic
+
+
+@inline_function
+def greatest_coefficient(law: Law) -> float:
+    """An upper bound of mu at any slip rate and normal force."""
+    return law.static
 
 
 @inline_function
@@ -62,7 +172,7 @@ def contact(law: Law, reaction: Four) -> Contact:
 
 @inline_function
 def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
-    """Mu at a slip rate |s| (m/s) and a contact force (N)."""
+    """Mu at a slip rate |s| (m/s) and a normal force (N)."""
     if law.rates > 0:
         return _interpolated(law, par, rate, force)
     if law.static == law.kinetic:
@@ -72,19 +182,19 @@ def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
 
 @inline_function
 def last_force(law: Law, par: Array) -> float:
-    """The contact force from which on a table no longer depends on it."""
+    """The last normal force of the table: above it mu does not depend on the force."""
     return float(par[law.table + law.rates + law.forces - 1])
 
 
 @inline_function
 def limit(law: Law, par: Array, rate: float, force: float) -> float:
-    """The greatest traction P (N) at a slip rate |s| and a contact force FN."""
+    """The friction limit, N: the greatest traction P at a slip rate |s| and a normal force FN."""
     return min(law.cap, coefficient(law, par, rate, force) * force)
 
 
 @device_function
-def _place(par: Array, first: int, n: int, x: float) -> tuple[int, float]:
-    """The interval of an ascending table and the fraction within it; constant beyond its ends."""
+def _interval(par: Array, first: int, n: int, x: float) -> tuple[int, float]:
+    """The interval of an ascending axis and the fraction within it; clamped at both ends."""
     if n == 1 or x <= par[first]:
         return 0, 0.0
     i = n - 2
@@ -96,9 +206,9 @@ def _place(par: Array, first: int, n: int, x: float) -> tuple[int, float]:
 
 @device_function
 def _interpolated(law: Law, par: Array, rate: float, force: float) -> float:
-    """Bilinear in the table: rates, then forces, then the values row by row (a row is a rate)."""
-    i, t = _place(par, law.table, law.rates, rate)
-    j, u = _place(par, law.table + law.rates, law.forces, force)
+    """Mu by bilinear interpolation in the table."""
+    i, t = _interval(par, law.table, law.rates, rate)
+    j, u = _interval(par, law.table + law.rates, law.forces, force)
     values = law.table + law.rates + law.forces
     di = law.forces if law.rates > 1 else 0
     dj = 1 if law.forces > 1 else 0

@@ -1,9 +1,9 @@
-"""Friction and constraint reactions of one step, solved together on the disc.
+"""Stick or slip: the selection rule for friction and constraint reactions on the friction disc.
 
-The solutions lie on one curve, from phi = 0 to stick (core/slip_curve.py). Selection (semantics of
-several solutions): after stick, stick if admissible; otherwise the first root, stick only where
-there is none. theta = 1/2 (second order) where the slip velocity does not turn by more than s-.s+ >
-|s-|^2/4 allows, else theta = 1.
+The solutions lie on a one-parameter curve from phi = 0 to stick (core/slip_curve.py). If several
+exist, the rule is: after stick, stick if admissible; otherwise the root of least traction, and
+stick only if there is no root. theta = 1/2 (second order) if the slip velocity does not turn too
+far, s-.s+ > |s-|^2/4, else theta = 1.
 """
 
 import math
@@ -13,20 +13,20 @@ from cylconn_ros.core.friction import Array, Law, coefficient, contact
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
 from cylconn_ros.core.slip_curve import (
-    Curve,
-    Disc,
+    DiscProblem,
+    SlipCandidates,
     Two,
-    curve_of,
-    excess_at_end,
     first_root,
     last_root,
     phi_at,
     reaction,
+    slip_candidates,
+    stick_excess,
 )
 
 
-class Solution(NamedTuple):
-    """phi, the slip velocity that it opposes, the regime and what is to be said of it."""
+class DiscSolution(NamedTuple):
+    """Friction phi, the slip velocity that it opposes, the regime and the flags."""
 
     phi: Two
     s_end: Two
@@ -36,53 +36,53 @@ class Solution(NamedTuple):
 
 
 @inline_function
-def solve_disc(law: Law, par: Array, d: Disc, was_stick: bool) -> Solution:
-    """The solution that the selection rule names."""
-    end = curve_of(d, 1.0)
+def solve_disc(law: Law, par: Array, d: DiscProblem, was_stick: bool) -> DiscSolution:
+    """The solution by the selection rule."""
+    end = slip_candidates(d, 1.0)
     if end.size == 0.0:
-        return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, 0)
-    stick_admissible = excess_at_end(law, par, d, end) >= 0.0
+        return DiscSolution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, 0)
+    stick_admissible = stick_excess(law, par, d, end) >= 0.0
     if not (was_stick and stick_admissible):
         before = d.s_minus[0] ** 2 + d.s_minus[1] ** 2
         for attempt in range(2):
             theta = 0.5 if attempt == 0 else 1.0
             if theta < 1.0 and (was_stick or before == 0.0):
                 continue
-            c = curve_of(d, theta)
+            c = slip_candidates(d, theta)
             if c.size == 0.0:
                 continue
-            r = first_root(law, par, d, c, excess_at_end(law, par, d, c))
+            r = first_root(law, par, d, c, stick_excess(law, par, d, c))
             if r == 0.0:
                 continue
             phi, s_end, s_mean = _slip(d, c, theta, r)
             forward = d.s_minus[0] * s_end[0] + d.s_minus[1] * s_end[1]
             if theta < 1.0 and not forward > 0.25 * before:
                 continue
-            return Solution(phi, s_end, s_mean, SLIP, SEVERAL_ROOTS if stick_admissible else 0)
+            return DiscSolution(phi, s_end, s_mean, SLIP, SEVERAL_ROOTS if stick_admissible else 0)
     return _stick(law, par, d, end)
 
 
 @inline_function
-def solve_otherwise(law: Law, par: Array, d: Disc, slides: bool) -> Solution:
-    """The solution nearest to stick, or that of least traction, after stick too; theta = 1."""
-    end = curve_of(d, 1.0)
+def solve_alternative(law: Law, par: Array, d: DiscProblem, slides: bool) -> DiscSolution:
+    """The solution nearest to stick, or with ``slides`` that of least traction; theta = 1."""
+    end = slip_candidates(d, 1.0)
     if end.size == 0.0:
-        return Solution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, 0)
-    excess = excess_at_end(law, par, d, end)
+        return DiscSolution((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), STICK, 0)
+    excess = stick_excess(law, par, d, end)
     r = first_root(law, par, d, end, excess) if slides else 0.0
     if r == 0.0:
         if excess >= 0.0:
             return _stick(law, par, d, end)
         r = last_root(law, par, d, end)
     phi, s_end, s_mean = _slip(d, end, 1.0, r)
-    return Solution(phi, s_end, s_mean, SLIP, SEVERAL_ROOTS if excess >= 0.0 else 0)
+    return DiscSolution(phi, s_end, s_mean, SLIP, SEVERAL_ROOTS if excess >= 0.0 else 0)
 
 
 @inline_function
-def _slip(d: Disc, c: Curve, theta: float, r: float) -> tuple[Two, Two, Two]:
+def _slip(d: DiscProblem, c: SlipCandidates, theta: float, r: float) -> tuple[Two, Two, Two]:
     """phi, s+ and s~ of the root r."""
     phi = phi_at(d, c, r) if r < math.inf else (0.0, 0.0)
-    # s+ from s~ where theta = 1: no cancellation as slip ends
+    # s+ from s~ if theta = 1: no cancellation as slip ends
     p, q = d.cos * phi[0] + d.sin * phi[1], d.cos * phi[1] - d.sin * phi[0]
     p, q = d.greater * p, d.lesser * q
     s_end = (d.s_free[0] + d.cos * p - d.sin * q, d.s_free[1] + d.sin * p + d.cos * q)
@@ -94,8 +94,8 @@ def _slip(d: Disc, c: Curve, theta: float, r: float) -> tuple[Two, Two, Two]:
 
 
 @inline_function
-def _stick(law: Law, par: Array, d: Disc, end: Curve) -> Solution:
-    """s+ = 0, JAMMED where friction has no finite solution."""
+def _stick(law: Law, par: Array, d: DiscProblem, end: SlipCandidates) -> DiscSolution:
+    """The stick solution, s+ = 0; JAMMED if friction has no finite solution."""
     flags = 0
     phi = phi_at(d, end, 0.0)
     size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
@@ -103,4 +103,4 @@ def _stick(law: Law, par: Array, d: Disc, end: Curve) -> Solution:
     if coefficient(law, par, 0.0, grown) * grown >= size > 0.0:
         flags = JAMMED
     half = (0.5 * d.s_minus[0], 0.5 * d.s_minus[1])
-    return Solution(phi, (0.0, 0.0), half, STICK, flags)
+    return DiscSolution(phi, (0.0, 0.0), half, STICK, flags)

@@ -1,4 +1,4 @@
-"""Kernels and device functions: one source, compiled by numba where it is installed.
+"""Kernels and device functions: one source, compiled by numba if it is installed.
 
 ``kernel`` marks the functions that Python calls, ``device_function`` those that kernels call, and
 ``inline_function`` the small ones among these, which are copied into their callers so that their
@@ -7,12 +7,13 @@ machine code and plain Python runs at a useful speed. Arrays enter through kerne
 written number by number.
 
 A kernel is compiled at its first call, with everything that it calls. Only kernels are compiled for
-callers from Python; a device function called from Python runs uncompiled.
+Python callers; a device function called from Python runs uncompiled.
 
-Compiled code is cached per state of the sources: numba checks only the file of the kernel itself,
-not the files of the functions it calls, so the cache directory carries a digest of those. The cache
-is where an installed package may write: ``$CYLCONN_CACHE_DIR``, else ``$XDG_CACHE_HOME/cylconn_ros``,
-else ``~/.cache/cylconn_ros``, else the directory for temporary files.
+Compiled code is cached per state of the sources. numba checks only the file of the kernel itself,
+not the files of the functions it calls, so that the name of the cache directory contains a digest
+of those. The cache is in the first writable one of these directories: ``$CYLCONN_CACHE_DIR``, else
+``$XDG_CACHE_HOME/cylconn_ros``, else ``~/.cache/cylconn_ros``, else the directory for temporary
+files.
 """
 
 import functools
@@ -44,10 +45,11 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def digested(package: Path) -> list[Path]:
-    """Sources whose change makes compiled code stale although the kernel's own file is the same.
+    """Sources whose change makes compiled code stale although the kernel's own file is unchanged.
 
-    They are the modules that define device functions (``device_function``, ``inline_function``), whose code becomes
-    part of kernels in other files, and the modules that these import, whose constants do.
+    They are the modules that define device functions (``device_function``, ``inline_function``),
+    whose code becomes part of kernels in other files, and the modules that these import, whose
+    constants do.
     """
     found = set()
     for source in package.rglob("*.py"):
@@ -63,7 +65,7 @@ def digested(package: Path) -> list[Path]:
 
 
 def digest(package: Path) -> str:
-    """What tells one state of the compiled sources from another, and one compiler from another."""
+    """Digest of the compiled sources and the compiler's version, as a directory name."""
     known = hashlib.sha256(f"numba {numba.__version__}".encode() if COMPILED else b"")
     for source in digested(package):
         known.update(source.read_bytes())
@@ -71,7 +73,7 @@ def digest(package: Path) -> str:
 
 
 def cache_directory() -> str:
-    """Where compiled code is kept, made if need be; empty: beside the source, if numba can."""
+    """The cache directory, created if necessary; '': numba's own, beside the source."""
     home = os.environ.get("CYLCONN_CACHE_DIR")
     caches = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     temporary = Path(tempfile.gettempdir(), f"cylconn_ros-{os.getuid()}")
@@ -88,8 +90,8 @@ def cache_directory() -> str:
 
 if COMPILED:
     _DIRECTORY = cache_directory()
-    # No contraction of a b + c: a fifth faster, but its roundings hang on what is inlined where, so
-    # that two compilations of one source would part in their last digits.
+    # No contraction of a b + c (fused multiply-add): 20 % faster, but its rounding depends on
+    # inlining, so that two compilations of one source would differ in their last digits.
 
     def device_function(function: Function) -> Function:
         """Compile ``function`` for the kernels that call it."""
@@ -101,10 +103,11 @@ if COMPILED:
         inner: Function = register_jitable(forceinline=True, no_cfunc_wrapper=True)(function)
         return inner
 
-    def _kernel(function: Function, allocates: bool) -> Function:
-        theirs = numba.config.CACHE_DIR  # ours only: another package's cache stays where it was
+    def _kernel(function: Function, allocates: bool = False, nogil: bool = False) -> Function:
+        theirs = numba.config.CACHE_DIR  # restored below: other packages keep their cache
         numba.config.CACHE_DIR = _DIRECTORY or theirs
-        options = {"cache": True, "error_model": "numpy", "_nrt": allocates}  # 1/0 is inf, as in C
+        # 1/0 is inf, as in C
+        options = {"cache": True, "error_model": "numpy", "_nrt": allocates, "nogil": nogil}
         try:
             compiled: Function = numba.njit(**options)(function)
         finally:
@@ -114,10 +117,17 @@ if COMPILED:
     def kernel(function: Function) -> Function:
         """Compile ``function`` at its first call, or load it from the cache.
 
-        It must not allocate arrays: numba's runtime, which would count references to every
-        array at every call, is left out.
+        It must not allocate arrays: it is compiled without numba's runtime, which would count the
+        references of every array at every call.
         """
-        return _kernel(function, allocates=False)
+        return _kernel(function)
+
+    def parallel_kernel(function: Function) -> Function:
+        """Compile a kernel that releases the interpreter's lock, so that threads run in parallel.
+
+        For long calls only: the release costs some 100 ns.
+        """
+        return _kernel(function, nogil=True)
 
     def allocating_kernel(function: Function) -> Function:
         """Compile a kernel that allocates arrays."""
@@ -127,9 +137,9 @@ if COMPILED:
     def call(
         _context: Any, address: Any, first: Any, second: Any, third: Any, fourth: Any
     ) -> tuple[Any, Any]:
-        """Call the C function at ``address`` with whole numbers and pointers; the int it returns.
+        """Call the C function at ``address`` with integers and pointers; return its int.
 
-        All five are int64. A function of fewer arguments does not look at the rest.
+        All five arguments are int64. A function with fewer arguments ignores the rest.
         """
         whole = numba.types.int64
 
@@ -141,14 +151,18 @@ if COMPILED:
 
         return whole(whole, whole, whole, whole, whole), generate
 
+    def close_signatures(function: Callable[..., Any]) -> None:
+        """Refuse arguments of other types than those compiled so far: TypeError, no compilation."""
+        function.disable_compile()  # type: ignore[attr-defined]
+
     def is_ready(function: Callable[..., Any]) -> bool:
-        """Whether a kernel runs without compiling first: loaded already, or in the cache."""
+        """Whether a kernel runs without compilation: it is loaded or in the cache."""
         index = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
         return bool(getattr(function, "signatures", ())) or any(Path(_DIRECTORY).rglob(index))
 else:
 
     def device_function(function: Function) -> Function:
-        """Leave ``function`` as it is: no compiler is installed."""
+        """Return ``function`` unchanged: no compiler is installed."""
         return function
 
     inline_function = device_function
@@ -160,8 +174,9 @@ else:
     def kernel(function: Function) -> Function:
         """Pass vectors to ``function`` as memoryviews, whose elements are Python floats.
 
-        NumPy floats, the elements of an array, take several times as long in every operation.
-        Arrays of more dimensions are passed on; the kernel that gets their rows converts these.
+        NumPy floats, the elements of an array, are several times slower in every operation. Arrays
+        with more dimensions are passed unchanged; the kernel that receives their rows converts
+        them.
         """
 
         @functools.wraps(function)
@@ -171,11 +186,15 @@ else:
         return with_memoryviews  # type: ignore[return-value]
 
     allocating_kernel = kernel
+    parallel_kernel = kernel
+
+    def close_signatures(function: Callable[..., Any]) -> None:
+        """Nothing to refuse: nothing is compiled."""
 
     def call(address: int, first: int, second: int, third: int, fourth: int) -> int:
-        """Nothing can be called by its address without a compiler."""
-        raise RuntimeError("numba is missing: nothing can be called by its address")
+        """Raise RuntimeError: calls by address need the compiler."""
+        raise RuntimeError("numba is not installed: C functions cannot be called by address")
 
     def is_ready(function: Callable[..., Any]) -> bool:
-        """Whether a kernel runs without compiling first: always, as nothing is compiled."""
+        """True: nothing is compiled."""
         return True

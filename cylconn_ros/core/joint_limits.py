@@ -1,16 +1,17 @@
 """Stops, locks and imposed motion: bounds on the rate of slide and spin at the end of the step.
 
-A bound at distance ``gap`` with the gap's rate w (negative: approaching) demands w+ >= t, and its
-reaction p obeys 0 <= p _|_ w+ - t >= 0. What a single held wrench can do, over the steps to come:
+A bound at distance ``gap`` with the gap's rate w (negative: approaching) requires w+ >= t, and its
+reaction p satisfies 0 <= p _|_ w+ - t >= 0. The targets t are those that one held wrench per step
+can reach:
 
-    contact          t = -gap/h - w/2            lands on the bound at rest, in two steps
+    contact          t = -gap/h - w/2            reaches the bound at rest, in two steps
     impact, 1st      t = w (T - 1/2 - eps (3/2 - T)),   T = -gap/(h w) in [1/2, 3/2)
-    impact, 2nd      t = -eps w of the first     leaves the bounce of an instant impact at T h
-    lock, motion     w+ = vc - (x - xc)/h - (w - vc)/2, both ways
+    impact, 2nd      t = -eps w of the first     equals the rebound of an instant impact at T h
+    lock, motion     w+ = vc - (x - xc)/h - (w - vc)/2, bilateral
 
-An impact begins when the bound would be passed within one and a half steps. Where positions follow
-the end velocity (semi-implicit plant) the halves drop out and an impact takes one step. Violations
-are removed at no more than the pull-in speed.
+An impact begins if the bound would be passed within one and a half steps. If positions follow the
+end velocity (semi-implicit plant), the halves drop out and an impact takes one step. Violations are
+removed at no more than the pull-in speed.
 """
 
 import math
@@ -19,21 +20,24 @@ from typing import NamedTuple
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.latency import share_removed
+from cylconn_ros.core.latency import correction_share
 
 Two = tuple[float, float]
 
 
 class Bounds(NamedTuple):
-    """Least and greatest rate at the end; equal: held. ``impact``: -1 or 1 where one begins."""
+    """Least and greatest rate at the end of the step; equal: prescribed.
+
+    ``impact``: -1 or 1 if an impact at the lower or upper stop begins.
+    """
 
     low: float
     high: float
     impact: int
 
 
-class Held(NamedTuple):
-    """The available components with the bound ones eliminated: phi is friction alone.
+class ActiveLimits(NamedTuple):
+    """Slide and spin with the active limits eliminated; phi is friction alone.
 
     w+ = free + S phi and phi + p = q0 + q1 phi1 + q2 phi2, p the reactions; components (v1, w1),
     (f1, m1).
@@ -47,14 +51,14 @@ class Held(NamedTuple):
 
 
 @inline_function
-def _least_rate(gap: float, w: float, h: float, pull: float, explicit: bool) -> float:
+def _contact_rate(gap: float, w: float, h: float, pull: float, explicit: bool) -> float:
     """The contact target t."""
     rise = min(-gap / h, pull)
     return rise if explicit else rise - 0.5 * w
 
 
 @inline_function
-def _bounce(gap: float, w: float, h: float, eps: float, explicit: bool) -> float:
+def _impact_rate(gap: float, w: float, h: float, eps: float, explicit: bool) -> float:
     """The target of an impact's first step."""
     if explicit:
         return -eps * w
@@ -63,18 +67,18 @@ def _bounce(gap: float, w: float, h: float, eps: float, explicit: bool) -> float
 
 
 @inline_function
-def _impacts(gap: float, w: float, h: float, explicit: bool) -> bool:
+def _starts_impact(gap: float, w: float, h: float, explicit: bool) -> bool:
     return w < 0.0 and gap + (1.0 if explicit else 1.5) * h * w < 0.0
 
 
 @inline_function
-def _held_rate(
+def _target_rate(
     par: Array, mem: Array, x: float, w: float, at: float, rate: float, h: float, k: int
 ) -> float:
-    """The rate that brings x onto a bilateral target moving with ``rate``."""
+    """The rate that brings x onto the position ``at`` of a bilateral target with ``rate``."""
     explicit = model.output(par).semi_implicit
-    pull = max(par[model.PULL_IN + k], 1.5 * abs(w - rate))  # what brings it to rest is no pull-in
-    back = min(max(share_removed(par, mem) * (at - x) / h, -pull), pull)
+    pull = max(par[model.PULL_IN + k], 1.5 * abs(w - rate))  # deceleration is not limited
+    back = min(max(correction_share(par, mem) * (at - x) / h, -pull), pull)
     return rate + back - (0.0 if explicit else 0.5 * (w - rate))
 
 
@@ -84,13 +88,13 @@ def bounds(
 ) -> Bounds:
     """Bounds of component k (0 slide, 1 spin) at position x and rate w, restitution eps."""
     if locked:
-        rate = _held_rate(par, mem, x, w, mem[model.LOCKED_AT], 0.0, h, k)
+        rate = _target_rate(par, mem, x, w, mem[model.LOCK_POSITION], 0.0, h, k)
         return Bounds(rate, rate, 0)
     command = model.COMMAND + 3 * k
     rate = par[command + 1]
     if not math.isnan(par[command]):
-        at = mem[model.IMPOSED_AT + k]
-        rate = _held_rate(par, mem, x, w, at, model.given(rate, 0.0), h, k)
+        at = mem[model.IMPOSED_POSITION + k]
+        rate = _target_rate(par, mem, x, w, at, model.value_or(rate, 0.0), h, k)
         return Bounds(rate, rate, 0)
     if not math.isnan(rate):
         return Bounds(rate, rate, 0)
@@ -98,25 +102,25 @@ def bounds(
     explicit = model.output(par).semi_implicit
     pull = par[model.PULL_IN + k]
     below, above = x - par[model.STOPS + 2 * k], par[model.STOPS + 2 * k + 1] - x
-    low = _least_rate(below, w, h, pull, explicit)
-    high = -_least_rate(above, -w, h, pull, explicit)
+    low = _contact_rate(below, w, h, pull, explicit)
+    high = -_contact_rate(above, -w, h, pull, explicit)
     impact = 0
     pending = mem[model.PENDING_SIDE + k]
     if pending < 0.0:
         low = mem[model.PENDING_RATE + k]
     elif pending > 0.0:
         high = mem[model.PENDING_RATE + k]
-    elif eps > 0.0 and _impacts(below, w, h, explicit):
-        low, impact = _bounce(below, w, h, eps, explicit), -1
-    elif eps > 0.0 and _impacts(above, -w, h, explicit):
-        high, impact = -_bounce(above, -w, h, eps, explicit), 1
-    if low > high:  # no room between the stops: hold the middle
+    elif eps > 0.0 and _starts_impact(below, w, h, explicit):
+        low, impact = _impact_rate(below, w, h, eps, explicit), -1
+    elif eps > 0.0 and _starts_impact(above, -w, h, explicit):
+        high, impact = -_impact_rate(above, -w, h, eps, explicit), 1
+    if low > high:  # stops closer than the step resolves: hold the middle
         low = high = 0.5 * (low + high)
     return Bounds(low, high, impact)
 
 
 @inline_function
-def imposed(par: Array, k: int) -> bool:
+def is_motion_imposed(par: Array, k: int) -> bool:
     """Whether a motion is imposed on component k."""
     at = model.COMMAND + 3 * k
     return not (math.isnan(par[at]) and math.isnan(par[at + 1]))
@@ -125,65 +129,67 @@ def imposed(par: Array, k: int) -> bool:
 @inline_function
 def imposed_force(par: Array, k: int) -> float:
     """The force or moment imposed on component k."""
-    return model.given(par[model.COMMAND + 3 * k + 2], 0.0)
+    return model.value_or(par[model.COMMAND + 3 * k + 2], 0.0)
 
 
 @inline_function
-def start_imposed(par: Array, mem: Array, k: int, x: float) -> None:
-    """An imposed motion starts from its commanded position, or from where the component is."""
-    if math.isnan(mem[model.IMPOSED_AT + k]) or mem[model.LAST_PERIOD] == 0.0:
-        mem[model.IMPOSED_AT + k] = model.given(par[model.COMMAND + 3 * k], x)
+def start_imposed_motion(par: Array, mem: Array, k: int, x: float) -> None:
+    """An imposed motion starts from its commanded position, else from the present one."""
+    if math.isnan(mem[model.IMPOSED_POSITION + k]) or mem[model.LAST_PERIOD] == 0.0:
+        mem[model.IMPOSED_POSITION + k] = model.value_or(par[model.COMMAND + 3 * k], x)
 
 
 @inline_function
-def advance_imposed(par: Array, mem: Array, h: float) -> None:
-    """Imposed motions go on with their velocities."""
+def advance_imposed_motion(par: Array, mem: Array, h: float) -> None:
+    """Advance the positions of imposed motions by their velocities."""
     for k in range(2):
-        mem[model.IMPOSED_AT + k] += h * model.given(par[model.COMMAND + 3 * k + 1], 0.0)
+        mem[model.IMPOSED_POSITION + k] += h * model.value_or(par[model.COMMAND + 3 * k + 1], 0.0)
 
 
 @device_function
-def locks(par: Array, mem: Array, x: float, w: float, h: float) -> bool:
-    """Whether the lock is closed; closes it where its criterion is met.
+def update_lock(par: Array, mem: Array, x: float, w: float, h: float) -> bool:
+    """Close the lock if its criterion is met; whether it is closed.
 
-    By position: the component passes it, or will within a step and a half, and is locked there. By
-    force: it exceeds the criterion, and the component is locked where it can be brought to rest at
-    once.
+    By position: the component passes the position, or will within a step and a half, and is locked
+    there. By force: the force exceeds the criterion, and the component is locked where it can be
+    brought to rest within the step.
     """
     if mem[model.LOCKED] != 0.0:
         return True
     k = int(par[model.LOCK]) - 1
     position, force = par[model.LOCK + 1], par[model.LOCK + 2]
-    last = mem[model.LOCK_LAST]
-    mem[model.LOCK_LAST] = x
+    last = mem[model.LAST_LOCK_POSITION]
+    mem[model.LAST_LOCK_POSITION] = x
     away = x - position
     if not math.isnan(position):
         passed = mem[model.LAST_PERIOD] > 0.0 and away * (last - position) <= 0.0
         if passed or (away * w < 0.0 and abs(away) < 1.5 * h * abs(w)):
-            mem[model.LOCKED], mem[model.LOCKED_AT] = 1.0, position
+            mem[model.LOCKED], mem[model.LOCK_POSITION] = 1.0, position
             return True
-    if not math.isnan(force) and abs(mem[model.LAST_TOTAL + k]) > force:
+    if not math.isnan(force) and abs(mem[model.LAST_FREE_FORCES + k]) > force:
         rest = 0.0 if model.output(par).semi_implicit else 0.5 * h * w
-        mem[model.LOCKED], mem[model.LOCKED_AT] = 1.0, x + rest
+        mem[model.LOCKED], mem[model.LOCK_POSITION] = 1.0, x + rest
         return True
     return False
 
 
 @inline_function
-def hold(free: Two, s: tuple[float, float, float], sides: tuple[int, int], t: Two) -> Held:
-    """Eliminate the components whose side is not 0: their rate at the end is t."""
+def eliminate_limits(
+    free: Two, s: tuple[float, float, float], sides: tuple[int, int], t: Two
+) -> ActiveLimits:
+    """Eliminate the components whose side is not 0: their rate at the end of the step is t."""
     s11, s12, s22 = s
     if sides[0] == 0 and sides[1] == 0:
-        return Held(free, s, (0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+        return ActiveLimits(free, s, (0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
     d1, d2 = t[0] - free[0], t[1] - free[1]
     none = (0.0, 0.0, 0.0)
     if sides[0] != 0 and sides[1] != 0:
         det = s11 * s22 - s12 * s12
         q0 = ((s22 * d1 - s12 * d2) / det, (s11 * d2 - s12 * d1) / det)
-        return Held(t, none, q0, (0.0, 0.0), (0.0, 0.0))
+        return ActiveLimits(t, none, q0, (0.0, 0.0), (0.0, 0.0))
     if sides[0] != 0:
         share = s12 / s11
-        return Held(
+        return ActiveLimits(
             (t[0], free[1] + share * d1),
             (0.0, 0.0, s22 - share * s12),
             (d1 / s11, 0.0),
@@ -191,7 +197,7 @@ def hold(free: Two, s: tuple[float, float, float], sides: tuple[int, int], t: Tw
             (-share, 1.0),
         )
     share = s12 / s22
-    return Held(
+    return ActiveLimits(
         (free[0] + share * d2, t[1]),
         (s11 - share * s12, 0.0, 0.0),
         (0.0, d2 / s22),

@@ -1,11 +1,21 @@
-"""Relative motion of node b against node a, and its Jacobian applied to velocities.
+"""Kinematics of the cylindrical connector: relative pose and relative twist of its two nodes.
 
-Symbols (axes of a, unless said): d = xb - xa; l = e1a.d; y = e2a.d, z = e3a.d; v, w the relative
-twist at node b. The orientation of b in a is split as swing times twist, swing across e1a and twist
-about it.
+The connector has two degrees of freedom. Node b, fixed to body B, slides along and spins about the
+slot axis e1a of node a, which is fixed to body A:
 
-What is held of the swing is S. B then turns about its own e1b, so w and the moments are counted in
-the axes N = E S (E those of a, whose first is e1a; N's first is e1b). Aligned, N is E.
+    slide   l = e1a . (xb - xa)   positive if b moves away from a along +e1a, m
+    spin    alpha                 rotation of b against a about e1a, right-handed, rad
+    force   f1, m1                act on body B at node b along and about e1a; body A gets the
+                                  opposite wrench at the same point
+
+Symbols (axes of a unless stated): d = xb - xa; l = e1a.d; y = e2a.d, z = e3a.d are the offsets;
+v, w is the twist of b relative to a at node b. The orientation of b in a is split into swing times
+twist: the swing axis is normal to e1a, the twist axis is e1a. The constraint holds y, z and the two
+components of the swing.
+
+S is the held swing (misalignment). B then rotates about its own e1b, so that w and the moments are
+expressed in the axes N = E S. E are the axes of a, with e1a first; the first axis of N is e1b.
+Without a misalignment N equals E.
 """
 
 import math
@@ -27,17 +37,17 @@ from cylconn_ros.core.vectors import (
     sub,
 )
 
-ROUNDING = 1e-15  # rad: a swing as small is none
+ROUNDING = 1e-15  # rad, of a swing
 BELOW_ONE = 1.0 - 2.0**-53
 
 
 class Nodes(NamedTuple):
-    """Where the end points are fixed: from each body's mass centre, in body axes; node a's axes."""
+    """Positions of the nodes from the mass centres, body axes, and the orientation of node a."""
 
     a: Vector
     a_axes: Quaternion
     b: Vector
-    swing: Quaternion  # S; exactly (0, 0, 0, 1) where aligned
+    swing: Quaternion  # S; exactly (0, 0, 0, 1) if aligned
 
 
 class Frame(NamedTuple):
@@ -63,23 +73,23 @@ class Angles(NamedTuple):
     angle: float
     misalignment_2: float
     misalignment_3: float
-    half_turn: bool  # misaligned by exactly pi: the swing axis is a choice
+    half_turn: bool  # misaligned by exactly pi: the swing axis is not unique
 
 
 @inline_function
 def aligned(swing: Quaternion) -> bool:
-    """Whether the held swing is none, so that N is E."""
+    """Whether there is no misalignment, so that N equals E."""
     return swing[3] == 1.0
 
 
 @inline_function
 def swing_of(misalignment_2: float, misalignment_3: float) -> Quaternion:
-    """S, which takes e1a to e1b, of the misalignment, the rotation vector from e1b to e1a."""
+    """S, the rotation from e1a to e1b, for a misalignment: the rotation vector from e1b to e1a."""
     size = math.sqrt(misalignment_2 * misalignment_2 + misalignment_3 * misalignment_3)
     if size < ROUNDING:
         return (0.0, 0.0, 0.0, 1.0)
     s = -math.sin(0.5 * size) / size
-    w = min(math.cos(0.5 * size), BELOW_ONE)  # not to be taken for aligned
+    w = min(math.cos(0.5 * size), BELOW_ONE)  # so that `aligned` is False
     return (0.0, s * misalignment_2, s * misalignment_3, w)
 
 
@@ -109,7 +119,7 @@ def out_of_swung(f: Frame, a: Vector) -> Vector:
 
 @inline_function
 def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
-    """J v: the rates of (l, y, z) are exactly v; those of the angles are w where S is the swing.
+    """J v: v is exactly the rate of (l, y, z); w is the rate of the angles if the swing equals S.
 
     v = E^T (vb - va - wa x (xb - xa)), written at the mass centres; w = N^T (wB - wA).
     """
@@ -120,7 +130,7 @@ def relative_twist(f: Frame, a: Motion, b: Motion) -> Twist:
 
 @inline_function
 def angles(q: Quaternion) -> Angles:
-    """Swing-twist split of q, the orientation of b in the axes of a."""
+    """Swing-twist decomposition of q, the orientation of b in the axes of a."""
     x, y, z, w = q
     n = math.sqrt(x * x + w * w)
     if n > 0.0:
@@ -129,7 +139,7 @@ def angles(q: Quaternion) -> Angles:
         s = math.sqrt(sy * sy + sz * sz)
         rate = 2.0 * math.atan2(s, n) / s if s > 0.0 else 2.0
         m2, m3, half_turn = -rate * sy, -rate * sz, False
-    else:  # the swing takes e1a to -e1a about any axis across it: take e2a
+    else:  # the swing takes e1a to -e1a; of the possible axes e2a is used
         tx, tw = -z, y
         m2, m3, half_turn = -math.pi, 0.0, True
     angle = 2.0 * math.atan2(tx, tw)
@@ -142,13 +152,16 @@ def angles(q: Quaternion) -> Angles:
 
 @inline_function
 def orientation_in(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The orientation b seen from a."""
+    """The orientation b relative to a."""
     return multiply(conjugate(a), b)
 
 
 @inline_function
 def unwrapped(angle: float, predicted: float) -> tuple[float, bool]:
-    """The angle with the whole turns nearest to ``predicted``, and whether that is unsure."""
+    """The angle plus the whole turns nearest to ``predicted``; whether the choice is ambiguous.
+
+    Ambiguous: more than a quarter turn from the prediction.
+    """
     turns = math.floor((predicted - angle) / (2.0 * math.pi) + 0.5)
     full = angle + 2.0 * math.pi * turns
     return full, abs(full - predicted) > 0.5 * math.pi

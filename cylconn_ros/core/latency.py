@@ -1,19 +1,19 @@
-"""Late wrenches: where both bodies will be when the wrench acts, from what they have been sent.
+"""Delay compensation: prediction of the state when the wrench acts, and estimation of the latency.
 
-An answer that acts d periods after its sample is computed for the state at that time. Until then
-the bodies move under wrenches that are known, having been sent:
+A wrench that acts d periods after its sample is computed for the predicted state at that time.
+Until then the bodies move under wrenches that have already been sent:
 
     from t_k + i h to t_k + (i + 1) h, i < d:    the wrench of the sample at t_k + (i - d) h,
-                                                 or the last one before it, where that was lost
+                                                 or the last one before it if that was lost
 
-Loads are held. A body of unknown inertia, and one that moves on its own, goes on as it does.
+Loads are held. A body of unknown inertia, and a driven body, keeps its twist.
 
-Where d is not given it is measured: of all d, the one with which m dv/dt = F(d) + m g + load fits
-the mass centres' velocities best over the last samples; F is the mean of what was held since the
-last sample, where some between were lost. A place that stick holds is where it was foreseen: with
-another d it is another one.
+If d is not given, it is estimated: the d for which m dv/dt = F(d) + m g + load fits the velocities
+of the mass centres best over the last samples. F is the mean of the wrenches held since the
+previous sample, if samples between were lost. The position that stick holds is a predicted one, so
+that it is redefined when d changes.
 
-Work is counted on the motion that was, of the wrenches that acted on it (core/passivity.py).
+The work is that of the wrenches that acted on the measured motion (core/passivity.py).
 """
 
 import math
@@ -21,64 +21,65 @@ import math
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.layout import MOST_LATE
-from cylconn_ros.core.passivity import count, jumped, release
-from cylconn_ros.core.plant import advanced, motion_of
-from cylconn_ros.core.relative_state import observe
+from cylconn_ros.core.layout import MAX_LATENCY
+from cylconn_ros.core.passivity import add_work, has_jumped, reset_stick_position
+from cylconn_ros.core.plant import advance_body, motion_of
+from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import add, add_scaled, dot, normalised, scale, sub
 
-KEPT = 0.9  # of the misfit of earlier samples: some ten count
-BETTER = 0.25  # misfit, over that of the latency in use, which makes another one take over
-UNEVENNESS = 5.0  # times the share by which a period is off: from a fifth on it counts in full
-LEAST_MISFIT = 1e-18  # of a force over the weight of its history, squared: below it is rounding
+FORGETTING = 0.9  # factor on the misfit of earlier samples: about ten of them count
+SWITCH_RATIO = 0.25  # misfit of another latency over that in use, below which it replaces it
+VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in full
+LEAST_MISFIT = 1e-18  # relative to the greatest misfit; below it is rounding
 
 
 @inline_function
-def is_late(par: Array) -> bool:
-    """Whether wrenches act later than at their sample."""
+def is_delayed(par: Array) -> bool:
+    """Whether wrenches act later than their sample."""
     return par[model.LATENCY] != 0.0
 
 
 @inline_function
-def periods_late(par: Array, mem: Array) -> int:
-    """How many periods after its sample a wrench acts: given, or measured so far."""
+def latency_of(par: Array, mem: Array) -> int:
+    """The latency in periods: as given, or as estimated so far."""
     given = int(par[model.LATENCY])
-    return given if given >= 0 else int(mem[model.LATE])
+    return given if given >= 0 else int(mem[model.MEASURED_LATENCY])
 
 
 @inline_function
-def share_removed(par: Array, mem: Array) -> float:
-    """Of an error of position, what one wrench is to remove."""
-    if not is_late(par):
+def correction_share(par: Array, mem: Array) -> float:
+    """Share of a position error that one wrench removes."""
+    if not is_delayed(par):
         return 1.0
-    return 1.0 / (1.0 + periods_late(par, mem) * mem[model.UNEVEN])
+    return 1.0 / (1.0 + latency_of(par, mem) * mem[model.PERIOD_VARIATION])
 
 
 @inline_function
-def remember_sent(mem: Array, acted: bool) -> None:
-    """Put the answer's wrench in front of those sent before; zero where nothing was sent."""
-    for k in range(12 * MOST_LATE - 1, -1, -1):
-        mem[model.SENT + 12 + k] = mem[model.SENT + k]
+def store_sent_wrenches(mem: Array, acted: bool) -> None:
+    """Store the wrench of this step, newest first; zero if none was computed."""
+    for k in range(12 * MAX_LATENCY - 1, -1, -1):
+        mem[model.SENT_WRENCHES + 12 + k] = mem[model.SENT_WRENCHES + k]
     for k in range(6):
-        mem[model.SENT + k] = mem[model.LAST_A + k] if acted else 0.0
-        mem[model.SENT + 6 + k] = mem[model.LAST_B + k] if acted else 0.0
+        mem[model.SENT_WRENCHES + k] = mem[model.LAST_A + k] if acted else 0.0
+        mem[model.SENT_WRENCHES + 6 + k] = mem[model.LAST_B + k] if acted else 0.0
 
 
 @device_function
-def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None:
-    """Write the sample as it will be when its wrench acts into ``mem`` at AHEAD.
+def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None:
+    """Write the sample predicted for the time of action into ``mem`` at PREDICTED_SAMPLE.
 
-    A first sample is the reference configuration as it is; ``out`` is then written to on the way.
+    The first sample defines the reference configuration without prediction; ``out`` then serves as
+    scratch space.
     """
-    here = mem[model.AHEAD : model.AHEAD + layout.NSAMPLE]
+    here = mem[model.PREDICTED_SAMPLE : model.PREDICTED_SAMPLE + layout.NSAMPLE]
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     gone = 1
-    if mem[model.STARTED] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
-        gone = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MOST_LATE + 1)
+    if mem[model.HAS_REFERENCE] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
+        gone = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MAX_LATENCY + 1)
     for _ in range(gone - 1):  # samples were lost: the last wrench was held
-        for k in range(12 * MOST_LATE - 1, -1, -1):
-            mem[model.SENT + 12 + k] = mem[model.SENT + k]
+        for k in range(12 * MAX_LATENCY - 1, -1, -1):
+            mem[model.SENT_WRENCHES + 12 + k] = mem[model.SENT_WRENCHES + k]
     for k in range(layout.NSAMPLE):
         here[k] = sample[k]
     for at in (layout.A_POSE, layout.B_POSE):
@@ -86,110 +87,112 @@ def predict(par: Array, mem: Array, sample: Array, h: float, out: Array) -> None
         for k in range(4):
             here[at + 3 + k] = q[k]
     mem[model.JUMPED] = 0.0
-    if mem[model.STARTED] == 0.0:
-        mem[model.UNEVEN] = 1.0
+    if mem[model.HAS_REFERENCE] == 0.0:
+        mem[model.PERIOD_VARIATION] = 1.0
     elif mem[model.LAST_PERIOD] > 0.0:
         dt = mem[model.LAST_PERIOD] / gone
-        off = min(UNEVENNESS * abs(mem[model.LAST_PERIOD] / h - 1.0), 1.0)
-        mem[model.UNEVEN] = max(KEPT * mem[model.UNEVEN], off)
+        off = min(VARIATION_GAIN * abs(mem[model.LAST_PERIOD] / h - 1.0), 1.0)
+        mem[model.PERIOD_VARIATION] = max(FORGETTING * mem[model.PERIOD_VARIATION], off)
         if par[model.LATENCY] < 0.0:
-            _measure(par, mem, here, body_a, body_b, gone, dt)
+            _measure_latency(par, mem, here, body_a, body_b, gone, dt)
         work_a, jump_a = _work(par, mem, here, body_a, 0, gone, dt)
         work_b, jump_b = _work(par, mem, here, body_b, 1, gone, dt)
-        count(mem, work_a)
-        count(mem, work_b)
+        add_work(mem, work_a)
+        add_work(mem, work_b)
         mem[model.JUMPED] = 1.0 if jump_a or jump_b else 0.0
     for k in range(layout.A_LOAD):
-        mem[model.SEEN + k] = here[k]
-    late = periods_late(par, mem)
-    if mem[model.STARTED] == 0.0:
-        observe(par, mem, here, out)
+        mem[model.LAST_SAMPLE + k] = here[k]
+    late = latency_of(par, mem)
+    if mem[model.HAS_REFERENCE] == 0.0:
+        measure(par, mem, here, out)
         mem[model.LAST_PERIOD] = late * h
     for i in range(late):
-        at = model.SENT + 12 * (late - 1 - i)
+        at = model.SENT_WRENCHES + 12 * (late - 1 - i)
         for k in range(2):
             body = body_a if k == 0 else body_b
             force, torque = model.vector(mem, at + 6 * k), model.vector(mem, at + 6 * k + 3)
             pose = layout.A_POSE if k == 0 else layout.B_POSE
-            advanced(par, body, here, pose, force, torque, here, layout.A_LOAD + 6 * k, h)
+            advance_body(par, body, here, pose, force, torque, here, layout.A_LOAD + 6 * k, h)
 
 
 @inline_function
-def _acted(mem: Array, late: int, j: int) -> int:
-    """Where in ``mem`` the wrenches stand that acted ``j`` periods before the last one."""
-    return model.SENT + 12 * min(late + j, MOST_LATE)
+def _sent_at(mem: Array, late: int, j: int) -> int:
+    """Index in ``mem`` of the wrenches that acted ``j`` periods before the last one."""
+    return model.SENT_WRENCHES + 12 * min(late + j, MAX_LATENCY)
 
 
 @inline_function
-def _fits(par: Array, mem: Array, here: Array, k: int, body: Body, gone: int, dt: float) -> None:
-    """Add to every latency's misfit how badly it explains the change of velocity of body k.
+def _add_misfits(
+    par: Array, mem: Array, here: Array, k: int, body: Body, gone: int, dt: float
+) -> None:
+    """Add the misfit of each latency for the velocity change of body k.
 
-    The misfit is a force squared; over ``gone`` periods, their mean.
+    The misfit is a squared force, N^2, the mean over ``gone`` periods.
     """
     at = layout.A_POSE if k == 0 else layout.B_POSE
     load = model.vector(here, layout.A_LOAD + 6 * k)
-    before = motion_of(body, mem[model.SEEN : model.AFTER_SEEN], at).velocity
+    before = motion_of(body, mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], at).velocity
     v = motion_of(body, here, at).velocity
     weight = scale(body.mass, model.vector(par, model.GRAVITY))
     needed = sub(scale(body.mass / (gone * dt), sub(v, before)), add_scaled(load, 1.0, weight))
-    for d in range(MOST_LATE + 1):
+    for d in range(MAX_LATENCY + 1):
         apart = needed
         for j in range(gone):
-            apart = add_scaled(apart, -1.0 / gone, model.vector(mem, _acted(mem, d, j) + 6 * k))
-        mem[model.MISFIT + d] += dot(apart, apart)
+            apart = add_scaled(apart, -1.0 / gone, model.vector(mem, _sent_at(mem, d, j) + 6 * k))
+        mem[model.LATENCY_MISFIT + d] += dot(apart, apart)
 
 
 @inline_function
-def _measure(
+def _measure_latency(
     par: Array, mem: Array, here: Array, body_a: Body, body_b: Body, gone: int, dt: float
 ) -> None:
-    """Keep the latency with which the wrenches sent explain the velocities seen."""
-    if gone > MOST_LATE:
+    """Estimate the latency from the measured velocities and the sent wrenches."""
+    if gone > MAX_LATENCY:
         return
-    for d in range(MOST_LATE + 1):
-        mem[model.MISFIT + d] *= KEPT
+    for d in range(MAX_LATENCY + 1):
+        mem[model.LATENCY_MISFIT + d] *= FORGETTING
     for k in range(2):
         body = body_a if k == 0 else body_b
         if body.free:
-            _fits(par, mem, here, k, body, gone, dt)
+            _add_misfits(par, mem, here, k, body, gone, dt)
     greatest, best, least = 0.0, 0, math.inf
-    for d in range(MOST_LATE + 1):
-        misfit = mem[model.MISFIT + d]
+    for d in range(MAX_LATENCY + 1):
+        misfit = mem[model.LATENCY_MISFIT + d]
         greatest = max(greatest, misfit)
         if misfit < least:
             best, least = d, misfit
-    now = mem[model.MISFIT + int(mem[model.LATE])]
-    if least < BETTER * now and now > LEAST_MISFIT * greatest:
-        mem[model.LATE], mem[model.UNEVEN] = best, 1.0
-        release(mem)
+    now = mem[model.LATENCY_MISFIT + int(mem[model.MEASURED_LATENCY])]
+    if least < SWITCH_RATIO * now and now > LEAST_MISFIT * greatest:
+        mem[model.MEASURED_LATENCY], mem[model.PERIOD_VARIATION] = best, 1.0
+        reset_stick_position(mem)
 
 
 @device_function
 def _work(
     par: Array, mem: Array, here: Array, body: Body, k: int, gone: int, dt: float
 ) -> tuple[float, bool]:
-    """The work on body k since the last sample, and whether it has jumped.
+    """The work on body k since the last sample, J, and whether the body has jumped.
 
-    The motion is gone through again from the last sample, wrench by wrench; what it then differs by
-    from the motion seen is spread over the periods, unless it is a jump.
+    The motion since the last sample is simulated again, wrench by wrench. Its difference from the
+    measured motion is distributed over the periods unless it is a jump.
     """
-    at, late = layout.A_POSE if k == 0 else layout.B_POSE, periods_late(par, mem)
-    state, h = mem[model.SEEN : model.AFTER_SEEN], gone * dt
+    at, late = layout.A_POSE if k == 0 else layout.B_POSE, latency_of(par, mem)
+    state, h = mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], gone * dt
     first, seen = motion_of(body, state, at), motion_of(body, here, at)
     work, mean, turn = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     m = first
     for i in range(gone):
-        acted = _acted(mem, late, gone - 1 - i) + 6 * k
+        acted = _sent_at(mem, late, gone - 1 - i) + 6 * k
         force, torque = model.vector(mem, acted), model.vector(mem, acted + 3)
-        advanced(par, body, state, at, force, torque, here, layout.A_LOAD + 6 * k, dt)
+        advance_body(par, body, state, at, force, torque, here, layout.A_LOAD + 6 * k, dt)
         last, m = m, motion_of(body, state, at)
         work += dot(force, sub(m.com, last.com)) + 0.5 * dt * dot(torque, add(m.spin, last.spin))
         mean = add_scaled(mean, 1.0 / gone, force)
         turn = add_scaled(turn, dt * (i + 0.5) / gone, torque)
-    moved, told = sub(seen.com, first.com), scale(h, seen.velocity)
-    apart, late_by = sub(seen.com, m.com), sub(moved, told)
+    moved, expected = sub(seen.com, first.com), scale(h, seen.velocity)
+    apart, late_by = sub(seen.com, m.com), sub(moved, expected)
     halfway = add_scaled(late_by, 0.5 * h, sub(seen.velocity, first.velocity))
     least = min(dot(apart, apart), dot(late_by, late_by), dot(halfway, halfway))
-    if jumped(par, moved, told, least, h):
+    if has_jumped(par, moved, expected, least, h):
         return work, True
     return work + dot(mean, apart) + dot(turn, sub(seen.spin, m.spin)), False

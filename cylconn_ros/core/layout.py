@@ -1,15 +1,14 @@
-"""Where each quantity stands in the flat float64 arrays that cross the border of the compiled step.
+"""Indices of the flat float64 arrays at the interface of the compiled step: SAMPLE and OUT.
 
-Three arrays: ``SAMPLE`` (what was measured), ``OUT`` (what the connector answers) and, private to
-the methods, ``MEM`` (what is remembered between samples). Flat arrays are what a compiled function
-takes at the least cost and what a message body is made of: the ``STATE`` block of ``OUT`` has the
-order of ``msg/ConnectorState.msg``, so filling the message is one copy.
+``SAMPLE`` (NSAMPLE,) holds the measurement, ``OUT`` (NOUT,) the outputs of the step. The memory
+``MEM`` is private to the methods (core/model.py). Flat arrays have the lowest call overhead, and
+the ``STATE`` block of ``OUT`` has the field order of ``msg/ConnectorState.msg``, so that a message
+is filled with one copy.
 """
 
 from typing import Final
 
-# --- SAMPLE: poses (position m, quaternion x y z w), twists and loads in world axes
-# ------------------
+# --- SAMPLE: poses (position m, quaternion x y z w), twists and loads in world axes ---
 A_POSE: Final = 0  # x y z qx qy qz qw of body A's frame in the world
 A_TWIST: Final = 7  # velocity of its origin (m/s), angular velocity (rad/s), world axes
 B_POSE: Final = 13
@@ -17,12 +16,11 @@ B_TWIST: Final = 20
 A_LOAD: Final = 26  # force (N), torque about the origin (N.m), world axes, besides gravity
 B_LOAD: Final = 32
 NSAMPLE: Final = 38
-MOST_LATE: Final = 8  # periods by which a wrench may act after its sample
+MAX_LATENCY: Final = 8  # periods between a sample and the action of its wrench
 MOTION: Final = slice(0, 26)  # the part of a sample that is the plant's state
 LOADS: Final = slice(26, 38)
 
-# --- OUT: the two wrenches as published, the state block, the whole numbers
-# ---------------------------
+# --- OUT: the two wrenches as published, the state block, enums and flags ---
 FORCE_A: Final = 0
 TORQUE_A: Final = 3
 FORCE_B: Final = 6
@@ -90,7 +88,7 @@ def _offsets() -> dict[str, int]:
 STATE_INDEX: Final[dict[str, int]] = _offsets()
 """Index in ``OUT`` of the first number of each state field."""
 
-# Constants of their own, because the compiled step reads module globals, not dictionaries.
+# One constant per field, because kernels read module globals, not dictionaries.
 LENGTH: Final = STATE_INDEX["length"]
 ANGLE: Final = STATE_INDEX["angle"]
 DISPLACEMENT: Final = STATE_INDEX["displacement"]
@@ -141,8 +139,7 @@ STATUS: Final = REGIME + 3
 FLAGS: Final = REGIME + 4
 NOUT: Final = REGIME + 5
 
-# --- whole numbers, as in ConnectorState.msg
-# ----------------------------------------------------------
+# --- enums and flags, as in ConnectorState.msg ---
 FRICTIONLESS: Final = 0
 STICK: Final = 1
 SLIP: Final = 2
@@ -151,6 +148,7 @@ OK: Final = 0
 NOT_FINITE: Final = 1
 BAD_QUATERNION: Final = 2
 NO_PERIOD: Final = 3
+UNKNOWN_METHOD: Final = 4  # never published: a Connector refuses such a method
 
 UNDERSAMPLED: Final = 1
 TURN_AMBIGUOUS: Final = 2
@@ -160,6 +158,7 @@ LIMITED: Final = 16
 SEVERAL_ROOTS: Final = 32
 JAMMED: Final = 64
 STOPPED: Final = 128
+STOPPED_SAMPLES: Final = 3  # samples in stick that set STOPPED; one occurs at reversals of slip
 MISALIGNED: Final = 256
 GAINS_LOWERED: Final = 512
 INTEGRATION: Final = 1024

@@ -1,12 +1,12 @@
-"""Reactions where there are more constraints than motions to prevent: the least of all that do.
+"""Minimum-norm reactions of redundant constraints.
 
-G x = b with G = J M^-1 J^T, positive semi-definite. Rows of J that follow from others leave x open
-by the null space Z of J^T. Taken is the x of least norm in a stated metric,
+G x = b with G = J M^-1 J^T, positive semi-definite. If rows of J depend linearly on others, x is
+determined up to the null space Z of J^T. The solution is the x of least norm in the metric
 
     |x|^2 = sum (x_i / a_i)^2         a_i: 1 for a force, an arm for a moment
 
-and of b what the other directions can have. Which rows follow is a question of geometry: it is
-judged by the eigenvalues of J J^T with all bodies of the same mass, scaled to a unit diagonal.
+and b is projected onto the range. The rank depends on geometry only: it follows from the
+eigenvalues of J J^T with equal masses for all bodies, scaled to a unit diagonal.
 """
 
 import numpy as np
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-NEGLIGIBLE = 1e-4  # eigenvalues below it are redundant: rows that agree within 10 mrad
+NEGLIGIBLE = 1e-4  # smaller eigenvalues are redundant: rows that agree within 10 mrad
 
 
-def directions(like: Array) -> tuple[Array, Array]:
-    """(n, m) basis of what J^T tells apart, and (n, k) of what it does not, from J J^T (n, n)."""
+def range_and_null_space(like: Array) -> tuple[Array, Array]:
+    """Bases of the range (n, m) and of the null space (n, k) of the rows, from J J^T (n, n)."""
     scale = np.sqrt(np.diag(like))
     scale[~(scale > 0.0)] = 1.0
     values, vectors = np.linalg.eigh(like / np.outer(scale, scale))
@@ -26,8 +26,8 @@ def directions(like: Array) -> tuple[Array, Array]:
     return vectors[:, kept] / scale[:, None], vectors[:, ~kept] / scale[:, None]
 
 
-def least(x: Array, z: Array, arms: Array) -> Array:
-    """Of all x + z c the least in the metric of ``arms`` (n,); x (n,) or (n, m)."""
+def minimum_norm(x: Array, z: Array, arms: Array) -> Array:
+    """The x + z c of least norm in the metric of ``arms`` (n,); x (n,) or (n, m), z (n, k)."""
     if not z.shape[1]:
         return x
     inverse = 1.0 / arms
@@ -38,10 +38,10 @@ def least(x: Array, z: Array, arms: Array) -> Array:
     return found
 
 
-def least_norm(g: Array, like: Array, arms: Array) -> Array:
-    """(n, n) operator P: P b is the x with G x = b that is least in the metric of ``arms``.
+def minimum_norm_operator(g: Array, like: Array, arms: Array) -> Array:
+    """(n, n) operator P: P b is the x with G x = b of least norm in the metric of ``arms``.
 
-    ``like``: J J^T, as of bodies of the same mass.
+    ``like``: J J^T (n, n) for bodies of equal mass.
     """
-    y, z = directions(like)
-    return least(y @ np.linalg.solve(y.T @ g @ y, y.T), z, arms)
+    y, z = range_and_null_space(like)
+    return minimum_norm(y @ np.linalg.solve(y.T @ g @ y, y.T), z, arms)

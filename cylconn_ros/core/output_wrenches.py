@@ -1,7 +1,6 @@
-"""From the connector's forces to the two published wrenches: what every method does last."""
+"""Output of a step: the connector's forces as the two published wrenches and in the state."""
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array, Contact
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Frame, out_of_swung
@@ -21,21 +20,21 @@ from cylconn_ros.core.vectors import (
 
 @inline_function
 def write_forces(out: Array, f: Vector, m: Vector) -> None:
-    """The connector wrench on B at node b: the force in the axes of a, the moment in N."""
-    model.put(out, out_at.FORCE, f)
-    model.put(out, out_at.MOMENT, m)
+    """Write the connector wrench on B at node b: force in the axes of a, moment in N."""
+    model.write_vector(out, layout.FORCE, f)
+    model.write_vector(out, layout.MOMENT, m)
 
 
 @inline_function
 def write_contact(out: Array, c: Contact, mu: float, limit: float, traction: float) -> None:
-    """The contact and what friction makes of it."""
-    out[out_at.RADIAL_FORCE] = c.radial
-    out[out_at.BENDING_MOMENT] = c.moment
-    out[out_at.BENDING_FORCE] = c.bending
-    out[out_at.NORMAL_FORCE] = c.normal
-    out[out_at.FRICTION_COEFFICIENT] = mu
-    out[out_at.FRICTION_LIMIT] = limit
-    out[out_at.TRACTION] = traction
+    """Write contact forces, friction coefficient, friction limit and traction."""
+    out[layout.RADIAL_FORCE] = c.radial
+    out[layout.BENDING_MOMENT] = c.moment
+    out[layout.BENDING_FORCE] = c.bending
+    out[layout.NORMAL_FORCE] = c.normal
+    out[layout.FRICTION_COEFFICIENT] = mu
+    out[layout.FRICTION_LIMIT] = limit
+    out[layout.TRACTION] = traction
 
 
 @inline_function
@@ -53,15 +52,14 @@ def write_wrenches(
     turned_a: Quaternion,
     turned_b: Quaternion,
 ) -> int:
-    """Write both wrenches as published and remember them; return LIMITED if they were scaled down.
+    """Write both published wrenches and store them in ``mem``; LIMITED if they were scaled down.
 
     Args:
-        acting: the configuration in which the wrench acts; both bodies get it at the same point
-        there. f, m: force (axes of a) and moment (N) on B at node b.
-        a, b: the bodies at the sample, where a published wrench is taken to force and torque.
-        turned_a, turned_b: orientations half a period on: a wrench that is held in body axes and
-        turns
-            with them has its mean there.
+        acting: the configuration in which the wrench acts, at the same point on both bodies.
+        f, m: force (axes of a) and moment (N) on B at node b.
+        a, b: the bodies at the sample; published torques refer to their mass centres or origins.
+        turned_a, turned_b: orientations after half a period: a wrench that is held in body
+            axes has its mean.
     """
     o = model.output(par)
     force = out_of(acting.axes, f)
@@ -77,19 +75,19 @@ def write_wrenches(
     if factor * greatest > o.torque_limit:
         factor = o.torque_limit / greatest
     if factor < 1.0:
-        flags = out_at.LIMITED
+        flags = layout.LIMITED
         force, force_a = scale(factor, force), scale(factor, force_a)
         torque_a, torque_b = scale(factor, torque_a), scale(factor, torque_b)
     for k in range(3):
         mem[model.LAST_A + k], mem[model.LAST_A + 3 + k] = force_a[k], torque_a[k]
         mem[model.LAST_B + k], mem[model.LAST_B + 3 + k] = force[k], torque_b[k]
-    _publish(o, out, out_at.FORCE_A, body_a, a, turned_a, force_a, torque_a)
-    _publish(o, out, out_at.FORCE_B, body_b, b, turned_b, force, torque_b)
+    _write_published(o, out, layout.FORCE_A, body_a, a, turned_a, force_a, torque_a)
+    _write_published(o, out, layout.FORCE_B, body_b, b, turned_b, force, torque_b)
     return flags
 
 
 @inline_function
-def _publish(
+def _write_published(
     o: model.Output,
     out: Array,
     at: int,
@@ -99,11 +97,9 @@ def _publish(
     force: Vector,
     torque: Vector,
 ) -> None:
-    """Write force and torque (about the mass centre, world axes) in the form asked for."""
+    """Write force and torque (about the mass centre, world axes) in the published form."""
     here = matrix(motion.orientation)
-    if (
-        o.held_in_body
-    ):  # what the body's axes carry with them, expressed in the axes as they are now
+    if o.held_in_body:  # rotates with the body: expressed in the axes at the sample
         there = matrix(turned)
         force = out_of(here, into(there, force))
         torque = out_of(here, into(there, torque))
@@ -111,5 +107,5 @@ def _publish(
         torque = add(torque, cross(out_of(here, body.com), force))
     if not o.world_axes:
         force, torque = into(here, force), into(here, torque)
-    model.put(out, at, force)
-    model.put(out, at + 3, torque)
+    model.write_vector(out, at, force)
+    model.write_vector(out, at + 3, torque)

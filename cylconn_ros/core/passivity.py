@@ -1,11 +1,11 @@
-"""The passivity account: work of the wrenches on the motion that was.
+"""Passivity observer: work of the wrenches on the measured motion (Hannaford and Ryu, 2002).
 
     W = sum f . dx + h tau . (w + w+)/2        of both bodies, at their mass centres
 
-A change of position that the twists cannot explain is no motion: somebody has put the body there,
-or a simulation has begun anew under running stamps. In the interval in which a body jumps its
-motion is what the twists say, and what the springs take up or give back besides is not theirs.
-What sticks is held where it is from then on.
+A change of position that the twists do not explain is a jump, not motion: the body was teleported
+or the simulation was reset while the stamps kept running. For the interval of a jump the motion is
+integrated from the twists, the change of spring energy is excluded from the balance, and the stick
+position is taken from the next sample.
 """
 
 from cylconn_ros.core import model
@@ -13,28 +13,28 @@ from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.vectors import Vector, dot
 
-UNEXPLAINED = 0.08  # share of the motion's square, seen and told, by which they may differ
+JUMP_SHARE = 0.08  # largest squared difference, as a share of both squared motions
 
 
 @inline_function
-def jumped(par: Array, moved: Vector, told: Vector, apart: float, h: float) -> bool:
-    """Whether a motion ``moved`` over h, of which ``told`` is what twists say, is none.
+def has_jumped(par: Array, moved: Vector, predicted: Vector, apart: float, h: float) -> bool:
+    """Whether a change of position ``moved`` within h is a jump.
 
-    ``apart``: the square of what they differ by. More than a share of both, and than what would be
-    pulled in within h.
+    ``predicted``: the change that the twists give. ``apart``: the square of their difference, m^2.
+    A jump exceeds JUMP_SHARE of both motions and the constraint correction within h.
     """
     least = par[model.PULL_IN] * h
-    return apart > UNEXPLAINED * (dot(moved, moved) + dot(told, told)) + least * least
+    return apart > JUMP_SHARE * (dot(moved, moved) + dot(predicted, predicted)) + least * least
 
 
 @inline_function
-def count(mem: Array, work: float) -> None:
+def add_work(mem: Array, work: float) -> None:
     """Add the work of one wrench on one body."""
     mem[model.WORK] += work
-    mem[model.EXCHANGED] += abs(work)
+    mem[model.WORK_EXCHANGED] += abs(work)
 
 
 @inline_function
-def release(mem: Array) -> None:
-    """Let what sticks hold the place where it is from now on."""
-    mem[model.STUCK] = min(mem[model.STUCK], 1.0)
+def reset_stick_position(mem: Array) -> None:
+    """Make the next sample define the position that stick holds."""
+    mem[model.STICK_SAMPLES] = min(mem[model.STICK_SAMPLES], 1.0)

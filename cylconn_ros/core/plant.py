@@ -1,4 +1,4 @@
-"""Two rigid bodies under gravity and held wrenches: what a simulator does between two samples."""
+"""The plant: two rigid bodies under gravity, loads and wrenches held over a period."""
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
@@ -25,14 +25,14 @@ from cylconn_ros.core.vectors import (
 def step(
     par: Array, state: Array, wrench_a: Array, wrench_b: Array, loads: Array, h: float
 ) -> None:
-    """Advance ``state`` (26,), in place, by h.
+    """Advance ``state`` (26,) in place by h (s).
 
     ``wrench_a``, ``wrench_b`` (6,) as published; ``loads`` (12,) on A and B as in a sample: force
     and torque about the body frame's origin, world axes. All of them are held over the period.
     """
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
-    _advance(par, body_a, state, layout.A_POSE, wrench_a, loads, 0, h)
-    _advance(par, body_b, state, layout.B_POSE, wrench_b, loads, 6, h)
+    _advance_published(par, body_a, state, layout.A_POSE, wrench_a, loads, 0, h)
+    _advance_published(par, body_b, state, layout.B_POSE, wrench_b, loads, 6, h)
 
 
 @inline_function
@@ -48,7 +48,7 @@ def motion_of(body: Body, state: Array, at: int) -> Motion:
 
 
 @device_function
-def _advance(
+def _advance_published(
     par: Array, body: Body, state: Array, at: int, wrench: Array, loads: Array, load: int, h: float
 ) -> None:
     """Advance a body under a wrench as published."""
@@ -60,11 +60,11 @@ def _advance(
         force, torque = out_of(axes, force), out_of(axes, torque)
     if not o.at_com:
         torque = sub(torque, cross(out_of(axes, body.com), force))
-    advanced(par, body, state, at, force, torque, loads, load, h)
+    advance_body(par, body, state, at, force, torque, loads, load, h)
 
 
 @device_function
-def advanced(
+def advance_body(
     par: Array,
     body: Body,
     state: Array,
@@ -93,16 +93,16 @@ def advanced(
     else:
         m = exact_step(body, m, add(force, weight), torque, h)
     arm = out_of(matrix(m.orientation), body.com)
-    model.put(state, at, sub(m.com, arm))
+    model.write_vector(state, at, sub(m.com, arm))
     for k in range(4):
         state[at + 3 + k] = m.orientation[k]
-    model.put(state, at + 7, sub(m.velocity, cross(m.spin, arm)))
-    model.put(state, at + 10, m.spin)
+    model.write_vector(state, at + 7, sub(m.velocity, cross(m.spin, arm)))
+    model.write_vector(state, at + 10, m.spin)
 
 
 @device_function
 def _semi_implicit_step(body: Body, m: Motion, force: Vector, torque: Vector, h: float) -> Motion:
-    """Velocities first, positions with them: first order, as many simulators do."""
+    """Semi-implicit Euler: positions follow the new velocities; first order."""
     velocity = add_scaled(m.velocity, h * body.inverse_mass, force)
     spin = m.spin
     if body.free:
@@ -116,7 +116,7 @@ def _semi_implicit_step(body: Body, m: Motion, force: Vector, torque: Vector, h:
 def _turning_step(
     body: Body, m: Motion, weight: Vector, force: Vector, torque: Vector, h: float
 ) -> Motion:
-    """A wrench held in body axes: short steps, each with the turned wrench at its middle."""
+    """A wrench held in body axes: short steps, each with the wrench rotated to its middle."""
     n = 8 + int(min(norm(m.spin) * h * 400.0, 1000.0))
     dt = h / n
     for _ in range(n):

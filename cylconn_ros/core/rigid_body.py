@@ -1,4 +1,4 @@
-"""A rigid body: what is known of it, its free prediction, and its motion under a held wrench."""
+"""A rigid body: mass properties, motion, and one exact step under a held wrench."""
 
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from cylconn_ros.core.vectors import (
 class Body(NamedTuple):
     """Mass properties, body axes, about the mass centre; infinite inertia: inverses zero."""
 
-    free: bool  # mass and inertia known: it answers to forces
+    free: bool  # mass and inertia are known: forces accelerate it
     mass: float
     inverse_mass: float
     com: Vector  # mass centre from the body frame's origin
@@ -34,7 +34,7 @@ class Body(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Where a body is and how it moves, at its mass centre, world axes."""
+    """Pose and twist of a body at its mass centre, world axes."""
 
     com: Vector
     orientation: Quaternion
@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
 @inline_function
 def at_com(body: Body, position: Vector, orientation: Quaternion, v: Vector, w: Vector) -> Motion:
-    """The motion of the mass centre, of a body whose frame's origin has ``position`` and ``v``."""
+    """The motion of the mass centre for position and velocity ``v`` of the body frame's origin."""
     arm = out_of(matrix(orientation), body.com)
     return Motion(add(position, arm), orientation, add(v, cross(w, arm)), w)
 
@@ -62,10 +62,10 @@ def angular_acceleration(body: Body, orientation: Quaternion, w: Vector, torque:
 def exact_step(body: Body, motion: Motion, force: Vector, torque: Vector, h: float) -> Motion:
     """The motion after h under a force and a torque about the mass centre, both held in world axes.
 
-    Translation is exact. The angular momentum L + h torque is exact too; the orientation follows
-    from the fourth-order Runge-Kutta-Munthe-Kaas method in steps of at most a tenth of a radian.
+    Translation and the angular momentum, L + h torque, are exact. The orientation is integrated
+    with the fourth-order Runge-Kutta-Munthe-Kaas method in steps of at most 0.1 rad.
     """
-    if not body.free:  # moves on as it did
+    if not body.free:  # keeps its twist
         return Motion(
             add_scaled(motion.com, h, motion.velocity),
             turned(motion.orientation, scale(h, motion.spin)),
@@ -104,7 +104,7 @@ def exact_step(body: Body, motion: Motion, force: Vector, torque: Vector, h: flo
 
 @inline_function
 def rotation_vector_rate(u: Vector, w: Vector) -> Vector:
-    """du/dt of the turn exp(u) at angular velocity w (world axes), to the fourth order in u.
+    """du/dt of the rotation exp(u) at angular velocity w (world axes), to fourth order in u.
 
     u' = w - u x w / 2 + u x (u x w) / 12 (Iserles et al., Lie-group methods, Acta Numerica 2000).
     """
@@ -114,6 +114,6 @@ def rotation_vector_rate(u: Vector, w: Vector) -> Vector:
 
 @inline_function
 def spin_of(body: Body, q: Quaternion, momentum: Vector) -> Vector:
-    """The angular velocity that goes with an angular momentum, world axes."""
+    """The angular velocity for an angular momentum about the mass centre, world axes."""
     axes = matrix(q)
     return out_of(axes, times(body.inverse_inertia, into(axes, momentum)))

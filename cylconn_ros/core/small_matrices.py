@@ -1,4 +1,4 @@
-"""Small dense systems, unrolled: the 4x4 of the constraint and the 2x2 of what is left."""
+"""Unrolled small dense systems: the 4x4 of the constraint, the 2x2 of slide and spin."""
 
 import math
 
@@ -28,7 +28,7 @@ def factor(
 
 @inline_function
 def solve(f: Lower, b0: float, b1: float, b2: float, b3: float) -> Four:
-    """X of L D L^T x = b."""
+    """The solution x of L D L^T x = b."""
     l10, l20, l21, l30, l31, l32, i0, i1, i2, i3 = f
     y1 = b1 - l10 * b0
     y2 = b2 - l20 * b0 - l21 * y1
@@ -42,9 +42,10 @@ def solve(f: Lower, b0: float, b1: float, b2: float, b3: float) -> Four:
 
 @inline_function
 def eigen2(a: float, b: float, c: float) -> tuple[float, float, float, float]:
-    """(greater, lesser, cos, sin) of [[a, b], [b, c]]; (cos, sin) goes with the greater.
+    """Eigenvalues of [[a, b], [b, c]] and the eigenvector (cos, sin) of the greater one.
 
-    The lesser one is the determinant over the greater: no cancellation when they are far apart.
+    Returns (greater, lesser, cos, sin). The lesser is the determinant over the greater, which
+    avoids cancellation if they differ by orders of magnitude.
     """
     mean, half = 0.5 * (a + c), 0.5 * (a - c)
     radius = math.sqrt(half * half + b * b)

@@ -1,12 +1,12 @@
-"""The least traction that goes with a slip direction at one instant: P = share limit(FN(P)).
+"""The least traction for a given slip direction at one instant: P = share limit(FN(P)).
 
-FN = |F|, F = Fr + Fbend + FCint, is made of reactions that are linear in the traction, (f m)c =
-base + P by, so that F is convex in P. Of g = share mu FN - P, positive at P = 0, the first zero:
+FN = |F|, F = Fr + Fbend + FCint. The reactions are linear in the traction, (f m)c = base + P by, so
+that F is convex in P. The solution is the first zero of g = share mu FN - P, positive at P = 0:
 
-    F(0) >= 0    g is convex up to it: Newton's method comes up from P = 0 and does not pass it;
-                 where g stops falling first there is none (jam)
-    F(0) < 0     -share mu F - P is concave and has no other zero: Newton's method comes down to it
-    mu over FN   a table: steps of g/(1 + greatest slope) come up to it and do not pass it
+    F(0) >= 0    g is convex up to the zero: Newton's method from P = 0 rises to it and does not
+                 pass it; if g stops falling before, there is no solution (jam)
+    F(0) < 0     -share mu F - P is concave and has no other zero: Newton's method falls to it
+    mu over FN   a table: steps of g/(1 + greatest slope) rise to the zero and do not pass it
 """
 
 import math
@@ -15,19 +15,19 @@ from cylconn_ros.core.friction import Array, Contact, Law, coefficient, contact
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 
-MOST_STEPS = 200
-EXACT = 1e-15
+MAX_STEPS = 200
+ROUNDING = 1e-15
 
 
 @inline_function
-def moved(base: Four, by: Four, p: float) -> Four:
+def reactions_at(base: Four, by: Four, p: float) -> Four:
     """The reactions at the traction p."""
     return (base[0] + p * by[0], base[1] + p * by[1], base[2] + p * by[2], base[3] + p * by[3])
 
 
 @inline_function
 def _slope(law: Law, at: Contact, reaction: Four, by: Four) -> float:
-    """DF/dP."""
+    """The slope dF/dP."""
     slope = 0.0
     if at.radial > 0.0:
         slope += (reaction[0] * by[0] + reaction[1] * by[1]) / at.radial
@@ -40,24 +40,25 @@ def _slope(law: Law, at: Contact, reaction: Four, by: Four) -> float:
 def least_traction(
     law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
 ) -> tuple[float, bool, float]:
-    """The least P with P = share limit(FN(P)), at most ``most``; whether there is none (jam).
+    """The least P with P = share limit(FN(P)), at most ``most``, N.
 
-    Last comes its relative residual. ``rate``: the slip rate |s| for the coefficient.
+    ``rate``: the slip rate |s| for the coefficient, m/s. Returns P, True if there is no solution
+    (jam), and the relative residual.
     """
     most = min(most, share * law.cap)
     at = contact(law, base)
     if law.force_slope > 0.0:
-        return _over_table(law, par, base, by, share, rate, most)
+        return _least_over_table(law, par, base, by, share, rate, most)
     factor = share * coefficient(law, par, rate, at.normal)
     if at.radial + at.bending + law.preload < 0.0:
-        return _relieved(law, base, by, factor, most)
+        return _least_with_relief(law, base, by, factor, most)
     p, residual = 0.0, 0.0
-    for _ in range(MOST_STEPS):
-        reaction = moved(base, by, p)
+    for _ in range(MAX_STEPS):
+        reaction = reactions_at(base, by, p)
         at = contact(law, reaction)
         wanted = factor * at.normal
         residual = (wanted - p) / (wanted + p) if wanted + p > 0.0 else 0.0
-        if residual <= EXACT:
+        if residual <= ROUNDING:
             break
         falling = 1.0 - factor * _slope(law, at, reaction, by)
         if falling <= 0.0:
@@ -69,37 +70,37 @@ def least_traction(
 
 
 @device_function
-def _relieved(
+def _least_with_relief(
     law: Law, base: Four, by: Four, factor: float, most: float
 ) -> tuple[float, bool, float]:
-    """As `least_traction`, where the preload relieves the contact, F(0) < 0."""
+    """:func:`least_traction` for a preload that relieves the contact, F(0) < 0."""
     p, residual = min(most, -factor * law.preload), 0.0  # beyond the zero, since F >= FCint
-    for _ in range(MOST_STEPS):
-        reaction = moved(base, by, p)
+    for _ in range(MAX_STEPS):
+        reaction = reactions_at(base, by, p)
         at = contact(law, reaction)
         wanted = -factor * (at.radial + at.bending + law.preload)
         gap = p - wanted
         residual = gap / (abs(wanted) + p) if p > 0.0 else 0.0
-        if residual <= EXACT:
-            break  # also where it is not reached at all: p is still ``most``
+        if residual <= ROUNDING:
+            break  # also if the zero is beyond ``most``: p is still ``most``
         p -= gap / (1.0 + factor * _slope(law, at, reaction, by))
     return p, False, max(residual, 0.0)
 
 
 @device_function
-def _over_table(
+def _least_over_table(
     law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
 ) -> tuple[float, bool, float]:
-    """As `least_traction`, for a coefficient that depends on FN."""
+    """:func:`least_traction` for a coefficient that depends on FN."""
     growth = math.sqrt(by[0] * by[0] + by[1] * by[1])
     growth += law.bending * math.sqrt(by[2] * by[2] + by[3] * by[3])
     p, residual = 0.0, 0.0
-    for _ in range(MOST_STEPS):
-        normal = contact(law, moved(base, by, p)).normal
+    for _ in range(MAX_STEPS):
+        normal = contact(law, reactions_at(base, by, p)).normal
         mu = coefficient(law, par, rate, normal)
         gap = share * mu * normal - p
         residual = gap / (gap + 2.0 * p) if gap + p > 0.0 else 0.0
-        if residual <= EXACT:
+        if residual <= ROUNDING:
             break
         grown = growth * gap  # the step is shorter than gap
         steepest = mu + law.force_slope * grown + law.force_slope * (normal + grown)

@@ -1,8 +1,7 @@
 """3-vectors, quaternions (x, y, z, w) and symmetric 3x3 tensors (xx, xy, xz, yy, yz, zz) as tuples.
 
-Tuples of floats compile to registers and need no allocation, which is also what makes them the
-fastest form in plain Python. A rotation matrix is a tuple of its three columns: the axes of the
-turned frame.
+Tuples of floats compile to registers and need no allocation; they are also the fastest form in
+plain Python. A rotation matrix is a tuple of its three columns: the axes of the rotated frame.
 """
 
 import math
@@ -35,7 +34,7 @@ def scale(s: float, a: Vector) -> Vector:
 
 @inline_function
 def add_scaled(a: Vector, s: float, b: Vector) -> Vector:
-    """A + s b."""
+    """Vector algebra: a + s b."""
     return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
 
 
@@ -61,7 +60,7 @@ def norm(a: Vector) -> float:
 
 @inline_function
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
-    """The product p q: first the turn q, then the turn p."""
+    """The product p q: first the rotation q, then the rotation p."""
     px, py, pz, pw = p
     qx, qy, qz, qw = q
     return (
@@ -74,20 +73,20 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @inline_function
 def conjugate(q: Quaternion) -> Quaternion:
-    """The turn back."""
+    """The inverse rotation."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 @inline_function
 def normalised(q: Quaternion) -> Quaternion:
-    """Q / |q|; the caller has made sure that |q| is not zero."""
+    """The unit quaternion q / |q|; the caller ensures that |q| is not zero."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (s * q[0], s * q[1], s * q[2], s * q[3])
 
 
 @inline_function
 def turned(q: Quaternion, r: Vector) -> Quaternion:
-    """The orientation q after a further turn by the rotation vector r (world axes)."""
+    """The orientation q after a further rotation by the rotation vector r (world axes)."""
     squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
     if squared == 0.0:
         return q
@@ -114,7 +113,7 @@ def matrix(q: Quaternion) -> Matrix:
 
 @inline_function
 def out_of(m: Matrix, a: Vector) -> Vector:
-    """M a: components in the turned frame to components in the outer one."""
+    """Vector m a: components in the rotated frame to components in the outer frame."""
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
     x, y, z = a
     return (m00 * x + m10 * y + m20 * z, m01 * x + m11 * y + m21 * z, m02 * x + m12 * y + m22 * z)
@@ -122,7 +121,7 @@ def out_of(m: Matrix, a: Vector) -> Vector:
 
 @inline_function
 def into(m: Matrix, a: Vector) -> Vector:
-    """m^T a: components in the outer frame to components in the turned one."""
+    """m^T a: components in the outer frame to components in the rotated frame."""
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
     x, y, z = a
     return (m00 * x + m01 * y + m02 * z, m10 * x + m11 * y + m12 * z, m20 * x + m21 * y + m22 * z)
@@ -138,7 +137,7 @@ def times(i: Symmetric, a: Vector) -> Vector:
 
 @inline_function
 def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
-    """M i m^T: a tensor given in the turned frame, expressed in the outer one."""
+    """Tensor m i m^T, for i given in the rotated frame, expressed in the outer frame."""
     r0 = (m[0][0], m[1][0], m[2][0])
     r1 = (m[0][1], m[1][1], m[2][1])
     r2 = (m[0][2], m[1][2], m[2][2])
@@ -148,5 +147,5 @@ def tensor_in(m: Matrix, i: Symmetric) -> Symmetric:
 
 @inline_function
 def product(a: Matrix, b: Matrix) -> Matrix:
-    """a^T b: the axes of b seen from a."""
+    """a^T b: the axes of b in components of a."""
     return (into(a, b[0]), into(a, b[1]), into(a, b[2]))

@@ -1,1 +1,1 @@
-"""What a measured motion tells about the friction of its joint."""
+"""Identification of a joint's friction from a recorded motion."""

@@ -1,9 +1,9 @@
-"""Forces and motion of a joint, interval by interval, out of the samples of a recording.
+"""Forces and motion of a joint per sample interval, by inverse dynamics of recorded samples.
 
-The method ``observe`` gives the wrench on body B at node b, axes of a, that the motion over each
-interval has had. Springs, dampers and a constant imposed force are taken off, so that the rest of
-(f1, m1) is friction. Multiplied by the interval and summed, the wrench is an impulse p(t), in which
-the noise of a measured twist stands once and not, as in the wrench, as a difference.
+The method ``observe`` computes the wrench on body B at node b, axes of a, that caused the motion
+over each interval. Springs, dampers and a constant imposed force are subtracted, so that (f1, m1)
+is friction. The cumulative sum of wrench times interval is an impulse p(t); it contains the noise
+of a measured twist itself, while the wrench contains its difference.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.recording.samples import Sampled, Samples
+from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 F1, F2, F3, M1, M2, M3 = range(6)
-STOP_REACH = 2.0  # periods ahead of a stop from which on its force may act
-_BLOCK = 2048  # samples observed in one call
-_KEPT = [
+STOP_REACH = 2.0  # periods before a stop is reached within which its force may act
+_BLOCK = 2048  # samples per compiled call
+_COLUMNS = [
     layout.STATE_INDEX[name] + k
     for name, width in (
         ("force", 3), ("moment", 3), ("force_elastic", 1), ("force_viscous", 1),
@@ -37,22 +37,22 @@ _KEPT = [
     )
     for k in range(width)
 ] + [layout.STATUS]  # fmt: skip
-GAP = 4.5  # of the usual interval: a longer one hides what happened in it
+LOST_SAMPLES = 4.5  # times the usual interval; a longer one means that samples were lost
 
 
 @dataclasses.dataclass(frozen=True)
-class Measured:
-    """A recording as friction sees it; row k is the interval that ends with sample k.
+class Intervals:
+    """Motion and forces of the n intervals of a recording; interval k ends with sample k.
 
     Attributes
     ----------
         scene: the parameters in force.
         time: (n,) end of the interval, s since the first sample.
-        dt: (n,) its length, s.
+        dt: (n,) length of the interval, s.
         wrench: (n, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a: friction and constraint; N, N.m.
-        rates: (n, 2) slide m/s and spin rad/s at its end.
-        usable: (n,) whether the wrench is that of friction and constraint alone.
-        left_out: why the others are not, and how many intervals each.
+        rates: (n, 2) slide m/s and spin rad/s at the end of the interval.
+        usable: (n,) bool, the wrench contains friction and constraint only.
+        skipped: number of unusable intervals by reason.
     """
 
     scene: Scene
@@ -61,28 +61,28 @@ class Measured:
     wrench: Array
     rates: Array
     usable: Mask
-    left_out: Counter[str]
+    skipped: Counter[str]
 
     @property
     def step(self) -> float:
-        """The usual interval, s."""
+        """Median interval, s."""
         return float(np.median(self.dt))
 
 
-def measure(scene: Scene, samples: Iterable[Sampled]) -> Measured:
-    """Observe the samples of a recording, with the parameters of ``scene``.
+def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Intervals:
+    """Compute the forces in the samples of a recording, with the parameters of ``scene``.
 
-    Raises IdentifyError where there are too few samples, or friction cannot be told from what else
-    acts along the slot; SceneError where no inertia is known.
+    Raises IdentifyError if there are fewer than two samples, or friction cannot be separated from
+    other forces along the slot; SceneError if an inertia is unknown.
     """
-    _check(scene)
-    samples = Samples.of(samples)
+    _check_separable(scene)
+    samples = SampleArrays.collect(samples)
     if len(samples) < 2:
         raise IdentifyError(
             f"{len(samples)} complete samples: a motion is needed (pose and twist of every moving "
             "body, with the same stamps)"
         )
-    usual = float(np.median(samples.since[1:]))
+    usual = float(np.median(samples.h[1:]))
     connector = Connector(
         dataclasses.replace(
             scene, method="observe", latency=0, tolerance=0.0, period=scene.period or usual
@@ -90,70 +90,70 @@ def measure(scene: Scene, samples: Iterable[Sampled]) -> Measured:
     )
     begins = samples.restarted.copy()
     begins[0] = True
-    since = np.where(begins, 0.0, samples.since)
-    out = np.empty((len(samples), len(_KEPT)))
+    h = np.where(begins, 0.0, samples.h)
+    out = np.empty((len(samples), len(_COLUMNS)))
     edges = [*np.flatnonzero(begins).tolist(), len(samples)]
-    room = np.empty((_BLOCK, layout.NOUT))
+    buffer = np.empty((_BLOCK, layout.NOUT))
     for begin, end in itertools.pairwise(edges):
         connector.reset()
         for at in range(begin, end, _BLOCK):
-            some = slice(at, min(at + _BLOCK, end))
-            numbers = np.ascontiguousarray(samples.numbers[some])
-            found = connector.run_each(numbers, since[some], room[: len(numbers)])
-            out[some] = found[:, _KEPT]
+            rows = slice(at, min(at + _BLOCK, end))
+            block = np.ascontiguousarray(samples.samples[rows])
+            found = connector.run(block, h[rows], buffer[: len(block)])
+            out[rows] = found[:, _COLUMNS]
     time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
-    return _measured(scene, out, samples.since, time, begins)
+    return _intervals(scene, out, samples.h, time, begins)
 
 
-def _check(scene: Scene) -> None:
+def _check_separable(scene: Scene) -> None:
     for name in ("slide", "spin"):
         imposed = getattr(scene.command, name)
         if np.isfinite(imposed.position) or np.isfinite(imposed.velocity):
             raise IdentifyError(
-                f"command.{name}: imposes a motion; its drive's force and friction cannot be told "
-                "apart"
+                f"command.{name}: imposes a motion; friction cannot be separated from the force "
+                "of its drive"
             )
     if scene.friction.table is not None:
         raise IdentifyError(
-            "friction.table: one coefficient is estimated, the recording's parameters hold a table "
-            "(give others with --params)"
+            "friction.table: a single coefficient is estimated, but the parameters have a table "
+            "(use others: --params)"
         )
 
 
-def _measured(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -> Measured:
-    wrench = np.hstack([_of(out, "force", 3), _of(out, "moment", 3)])
+def _intervals(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -> Intervals:
+    wrench = np.hstack([_column(out, "force", 3), _column(out, "moment", 3)])
     parts = (("force", F1, scene.command.slide.force), ("moment", M1, scene.command.spin.force))
     for name, at, imposed in parts:
         for part in ("elastic", "viscous"):
-            wrench[:, at] -= _of(out, f"{name}_{part}", 1)[:, 0]
+            wrench[:, at] -= _column(out, f"{name}_{part}", 1)[:, 0]
         wrench[:, at] -= imposed if np.isfinite(imposed) else 0.0
-    rates = np.hstack([_of(out, "velocity", 1), _of(out, "angular_velocity", 1)])
-    refused = out[:, _KEPT.index(layout.STATUS)] != layout.OK
+    rates = np.hstack([_column(out, "velocity", 1), _column(out, "angular_velocity", 1)])
+    refused = out[:, _COLUMNS.index(layout.STATUS)] != layout.OK
     refused[1:] |= refused[:-1].copy()
     usual = np.median(dt[~begins]) if not begins.all() else 0.0
     reasons = (
-        ("first of a history", begins),
-        ("next to a sample that cannot be used", refused),
-        ("longer than the others (samples lost)", dt > GAP * usual),
-        ("at a stop or lock", _bounded(scene, out, rates, dt)),
+        ("first sample", begins),
+        ("next to a refused sample", refused),
+        ("samples lost", dt > LOST_SAMPLES * usual),
+        ("at a stop or lock", _near_bounds(scene, out, rates, dt)),
     )
     finite: Mask = np.asarray(np.isfinite(wrench).all(axis=1))
     usable = finite.copy()
-    left_out: Counter[str] = Counter()
-    for why, rows in reasons:
-        left_out[why] = int((rows & usable).sum())
+    skipped: Counter[str] = Counter()
+    for reason, rows in reasons:
+        skipped[reason] = int((rows & usable).sum())
         usable &= ~rows
-    left_out["not finite"] = int((~finite).sum())
-    return Measured(scene, time, dt, wrench, rates, usable, +left_out)
+    skipped["not finite"] = int((~finite).sum())
+    return Intervals(scene, time, dt, wrench, rates, usable, +skipped)
 
 
-def _of(out: Array, name: str, width: int) -> Array:
-    at = _KEPT.index(layout.STATE_INDEX[name])
+def _column(out: Array, name: str, width: int) -> Array:
+    at = _COLUMNS.index(layout.STATE_INDEX[name])
     return out[:, at : at + width]
 
 
-def _bounded(scene: Scene, out: Array, rates: Array, dt: Array) -> Mask:
-    """Intervals in which a stop or a lock may have acted."""
+def _near_bounds(scene: Scene, out: Array, rates: Array, dt: Array) -> Mask:
+    """Return the intervals in which a stop or a lock may have acted."""
     found = np.zeros(len(out), dtype=np.bool_)
     stops = scene.stops
     bounds = (
@@ -161,14 +161,14 @@ def _bounded(scene: Scene, out: Array, rates: Array, dt: Array) -> Mask:
         ("angle", 1, stops.theta_min, stops.theta_max),
     )
     for name, k, low, high in bounds:
-        place, reach = _of(out, name, 1)[:, 0], STOP_REACH * np.abs(rates[:, k]) * dt
+        place, reach = _column(out, name, 1)[:, 0], STOP_REACH * np.abs(rates[:, k]) * dt
         reach[1:] = np.maximum(reach[1:], reach[:-1].copy())
         for bound, side in ((low, 1.0), (high, -1.0)):
             if np.isfinite(bound):
                 found |= side * (place - bound) <= reach
     if scene.lock.component != "none" and np.isfinite(scene.lock.position):
         k = ("slide", "spin").index(scene.lock.component)
-        place = _of(out, ("length", "angle")[k], 1)[:, 0] - scene.lock.position
+        place = _column(out, ("length", "angle")[k], 1)[:, 0] - scene.lock.position
         closed = np.abs(place) <= STOP_REACH * np.abs(rates[:, k]) * dt
         found |= np.maximum.accumulate(closed)
     return found

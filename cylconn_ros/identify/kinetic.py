@@ -1,15 +1,17 @@
-"""Kinetic friction out of slipping windows: mu, FCint, L and R, as far as the motion excites them.
+"""Kinetic friction from slip windows: mu, FCint, L and R, as far as the motion excites them.
+
+In every window the equation
 
     e = (f1f, m1f) + mu (Fr + 2/L Mbend + FCint) (v1, R^2 w1)/|s| = 0        s = (v1, R w1)
 
-is wanted in every window. The forces in it are all measured: e has the covariance V = A C A^T with
-A = de/dwrench, and the sum of e^T V^-1 e is made least (generalised least squares with errors in
-all variables; V moves with the parameters, so that noise in Fr and Mbend does not shrink mu and
-1/L as it does in a plain fit). Noise makes absolute values too large, |F + n| = |F| + var_t/(2 |F|)
-in the mean, var_t across F: that is taken off.
+should hold. All forces in e are measured, so e has the covariance V = A C A^T with A = de/dwrench,
+and the fit minimizes the sum of e^T V^-1 e. This is generalized least squares with errors in all
+variables: V depends on the parameters, so that noise in Fr and Mbend does not reduce mu and 1/L, as
+it does in a plain fit. Noise n increases absolute values, on average to
+|F + n| = |F| + var_t/(2 |F|), with var_t its variance across F; this bias is subtracted.
 
-Intervals come from the spread of the windows' own scores (sandwich covariance with leverages),
-which holds also where the noise is not what the weights took it for, and Student's t.
+Confidence intervals use the spread of the windows' own scores (sandwich covariance with leverages)
+and Student's t. So they also hold if the noise differs from the assumed weights.
 """
 
 from __future__ import annotations
@@ -26,17 +28,17 @@ from cylconn_ros.identify.windows import Windows
 Array = NDArray[np.float64]
 
 NAMES = ("coefficient", "preload", "overlap", "radius")
-CLEAR = 9.0  # mean square of a force over its noise's: less is none
-BEYOND = 3.0  # standard deviations of a mean square: less is none at all
-AWAY = 3.0  # standard deviations from zero
-FLOOR = 1e-6  # of the usual traction: an error that counts in any case
-SECOND_ORDER = 1e-4  # of the traction: what a finite sample period leaves in a window's forces
-STEPS = 200  # evaluations of the fit
+MIN_SIGNAL_TO_NOISE = 9.0  # mean square of a force over that of its noise
+BEYOND = 3.0  # standard deviations by which a mean square must exceed that of the noise
+MIN_DEVIATIONS = 3.0  # standard deviations by which a force must differ from zero
+FLOOR = 1e-6  # of the median traction: least standard deviation of a residual
+SECOND_ORDER = 1e-4  # of the traction: error of a window's forces by the finite sample period
+MAX_EVALUATIONS = 200  # of the residuals, per fit
 
 
 @dataclasses.dataclass(frozen=True)
-class Law:
-    """Parameters of friction; ``bending`` is 2/L, 1/m, and 0 where bending is left out."""
+class FrictionLaw:
+    """Friction parameters mu, FCint (N), 2/L (1/m; 0: bending is not modelled) and R (m)."""
 
     coefficient: float
     preload: float
@@ -44,34 +46,41 @@ class Law:
     radius: float
 
     def normal(self, radial: Array, moment: Array) -> Array:
-        """FN of radial forces and bending moments."""
+        """Return FN (n,) of radial forces (n,) and bending moments (n,)."""
         return np.abs(radial + self.bending * moment + self.preload)
 
     @property
     def vector(self) -> Array:
-        """(4,) as it is fitted: ln mu, FCint, 2/L, ln R."""
+        """The fitted vector (4,): ln mu, FCint, 2/L, ln R."""
         return np.array([np.log(self.coefficient), self.preload, self.bending, np.log(self.radius)])
 
 
-def of_vector(x: Array) -> Law:
-    """Undo :attr:`Law.vector`."""
-    return Law(float(np.exp(x[0])), float(x[1]), float(x[2]), float(np.exp(x[3])))
+def law_from_vector(x: Array) -> FrictionLaw:
+    """Return the law of a fitted vector; the inverse of :attr:`FrictionLaw.vector`."""
+    return FrictionLaw(float(np.exp(x[0])), float(x[1]), float(x[2]), float(np.exp(x[3])))
 
 
 @dataclasses.dataclass(frozen=True)
-class Loads:
-    """Radial force and bending moment of windows, with their bias taken off, and directions."""
+class ContactLoads:
+    """Radial force and bending moment of n windows, without the bias by noise.
 
-    radial: Array  # (n,) N
-    moment: Array  # (n,) N.m
-    along: Array  # (n, 2, 6) their derivatives by the wrench
-    clear: tuple[float, float]  # mean square of each over that of its noise
+    Attributes
+    ----------
+        radial, moment: (n,) N, N.m.
+        gradient: (n, 2, 6) derivatives of both with respect to the wrench.
+        signal_to_noise: mean square of each over that of its noise.
+    """
+
+    radial: Array
+    moment: Array
+    gradient: Array
+    signal_to_noise: tuple[float, float]
 
     @classmethod
-    def of(cls, w: Windows) -> Loads:
-        """Of windows."""
-        along = np.zeros((len(w), 2, 6))
-        values, clear = [], []
+    def of(cls, w: Windows) -> ContactLoads:
+        """Compute them of windows."""
+        gradient = np.zeros((len(w), 2, 6))
+        values, ratios = [], []
         for row, at in enumerate((slice(1, 3), slice(4, 6))):
             vector, cov = w.wrench[:, at], w.covariance[:, at, at]
             size = np.maximum(np.linalg.norm(vector, axis=1), 1e-300)
@@ -79,65 +88,81 @@ class Loads:
             whole = np.trace(cov, axis1=1, axis2=2)
             across = whole - np.einsum("ni,nij,nj->n", u, cov, u)
             square, white = float(np.square(size).mean()), max(float(whole.mean()), 1e-300)
-            clear.append(square / white)
-            if clear[-1] >= CLEAR:
+            ratios.append(square / white)
+            if ratios[-1] >= MIN_SIGNAL_TO_NOISE:
                 values.append(np.sqrt(np.maximum(size**2 - across, 0.0)))
-                along[:, row, at] = u
-            else:  # mostly noise: only its mean square says anything
-                sure = square - white > BEYOND * white / np.sqrt(len(w))
-                values.append(np.full(len(w), np.sqrt(square - white) if sure else 0.0))
-        return cls(values[0], values[1], along, (clear[0], clear[1]))
+                gradient[:, row, at] = u
+            else:  # dominated by noise: only its mean square is significant
+                significant = square - white > BEYOND * white / np.sqrt(len(w))
+                values.append(np.full(len(w), np.sqrt(square - white) if significant else 0.0))
+        return cls(values[0], values[1], gradient, (ratios[0], ratios[1]))
 
 
-def away_from_zero(w: Windows, loads: Loads) -> NDArray[np.bool_]:
-    """(n,) where neither radial force nor bending moment is near zero.
+def well_above_noise(w: Windows, loads: ContactLoads) -> NDArray[np.bool_]:
+    """Return the windows (n,) whose radial force and bending moment are well above their noise.
 
-    Near zero the mean of |F + n| is not |F| + var_t/(2 |F|). Whether a window is near is asked of
-    its neighbours, so that its own noise does not choose. What is noise throughout is not asked.
+    Near zero the mean of |F + n| is not |F| + var_t/(2 |F|). The test uses the neighbours of a
+    window, so that its own noise does not select it. A force that is dominated by noise throughout
+    is not tested.
     """
     good = np.ones(len(w), dtype=np.bool_)
     near = np.abs(np.arange(len(w))[:, None] + [-1, 1])
-    near = np.where(near < len(w), near, 2 * len(w) - 2 - near)  # at an end: the one neighbour
-    for at, clear in ((slice(1, 3), loads.clear[0]), (slice(4, 6), loads.clear[1])):
-        if clear >= CLEAR:
+    near = np.where(near < len(w), near, 2 * len(w) - 2 - near)  # at an end: one neighbour twice
+    for at, ratio in (
+        (slice(1, 3), loads.signal_to_noise[0]),
+        (slice(4, 6), loads.signal_to_noise[1]),
+    ):
+        if ratio >= MIN_SIGNAL_TO_NOISE:
             around = w.wrench[near, at].mean(axis=1)
             one = 0.5 * np.trace(w.covariance[:, at, at], axis1=1, axis2=2)
-            good &= np.square(around).sum(axis=1) > AWAY**2 * one
+            good &= np.square(around).sum(axis=1) > MIN_DEVIATIONS**2 * one
     return good
 
 
 @dataclasses.dataclass(frozen=True)
-class Fitted:
-    """A fit: the law, which of :data:`NAMES` were free, and what is known of those (as fitted)."""
+class KineticFit:
+    """Result of a fit.
 
-    law: Law
+    Attributes
+    ----------
+        law: the fitted law.
+        free: indices of the fitted parameters in :data:`NAMES`.
+        covariance: (free, free) of the fitted parameters, in the units of the fitted vector.
+        systematic: (free,) greatest effect of an error SECOND_ORDER in every window.
+        freedom: degrees of freedom of Student's t.
+        misfit: mean squared weighted residual; 1 if the noise is as estimated.
+    """
+
+    law: FrictionLaw
     free: tuple[int, ...]
-    covariance: Array  # (free, free)
-    systematic: Array  # (free,) what SECOND_ORDER in every window could do at worst
-    freedom: int  # of Student's t
-    misfit: float  # mean squared weighted residual: 1 where the noise is as estimated
+    covariance: Array
+    systematic: Array
+    freedom: int
+    misfit: float
 
 
-def direction(w: Windows, radius: float) -> Array:
-    """(n, 2) unit vectors along s = (v1, R w1)."""
+def slip_direction(w: Windows, radius: float) -> Array:
+    """Return unit vectors (n, 2) along s = (v1, R w1)."""
     s = w.rates * [1.0, radius]
     return np.asarray(s / np.maximum(np.linalg.norm(s, axis=1), 1e-300)[:, None])
 
 
-def weighted(w: Windows, loads: Loads, law: Law, seen_by: Law | None = None) -> Array:
-    """(n, 2) residuals V^-1/2 e of ``law``, with V of the law ``seen_by`` if another is given."""
-    to = direction(w, law.radius) * [1.0, law.radius]
-    greatest = law.coefficient * law.normal(loads.radial, loads.moment)
-    e = w.wrench[:, [0, 3]] + greatest[:, None] * to
-    by = np.zeros((len(w), 2, 6))
-    by[:, 0, 0], by[:, 1, 3] = 1.0, 1.0
-    weigher = seen_by or law
-    slope = loads.along[:, 0] + weigher.bending * loads.along[:, 1]
-    by += weigher.coefficient * to[:, :, None] * slope[:, None, :]
-    v = by @ w.covariance @ by.transpose(0, 2, 1)
-    floor = FLOOR * np.median(greatest)
+def weighted_residuals(
+    w: Windows, loads: ContactLoads, law: FrictionLaw, weights: FrictionLaw | None = None
+) -> Array:
+    """Return weighted residuals V^-1/2 e (n, 2) of ``law``; V of ``weights``, default ``law``."""
+    to = slip_direction(w, law.radius) * [1.0, law.radius]
+    limit = law.coefficient * law.normal(loads.radial, loads.moment)
+    e = w.wrench[:, [0, 3]] + limit[:, None] * to
+    jacobian = np.zeros((len(w), 2, 6))  # A = de/dwrench
+    jacobian[:, 0, 0], jacobian[:, 1, 3] = 1.0, 1.0
+    weighting = weights or law
+    slope = loads.gradient[:, 0] + weighting.bending * loads.gradient[:, 1]
+    jacobian += weighting.coefficient * to[:, :, None] * slope[:, None, :]
+    v = jacobian @ w.covariance @ jacobian.transpose(0, 2, 1)
+    floor = FLOOR * np.median(limit)
     v += np.diag([floor**2, (law.radius * floor) ** 2]) + 1e-300 * np.eye(2)
-    # By hand: V = T T^T with T lower triangular, e = T r.
+    # Cholesky factor of each 2x2 block: V = T T^T with T lower triangular, e = T r.
     a = np.sqrt(v[:, 0, 0])
     b = v[:, 1, 0] / a
     c = np.sqrt(np.maximum(v[:, 1, 1] - b * b, 1e-12 * v[:, 1, 1]))
@@ -145,29 +170,30 @@ def weighted(w: Windows, loads: Loads, law: Law, seen_by: Law | None = None) -> 
     return np.column_stack([r, (e[:, 1] - b * r) / c])
 
 
-def fit(w: Windows, loads: Loads, start: Law, free: Sequence[int]) -> Fitted:
-    """Fit the parameters ``free`` (indices of :data:`NAMES`), the others held as in ``start``.
+def fit_law(w: Windows, loads: ContactLoads, start: FrictionLaw, free: Sequence[int]) -> KineticFit:
+    """Fit the parameters ``free`` (indices of :data:`NAMES`); the others are held as in ``start``.
 
-    Raises IdentifyError where no friction shows.
+    Raises IdentifyError if the traction does not oppose the slip.
     """
     from scipy.optimize import least_squares
 
     chosen = list(free)
     whole = start.vector
-    scale = natural(loads, start)
+    scale = parameter_scales(loads, start)
 
-    def law_of(x: Array) -> Law:
+    def law_of(x: Array) -> FrictionLaw:
         full = whole.copy()
         full[chosen] += np.clip(x, -20.0, 20.0) * scale[chosen]
-        return of_vector(full)
+        return law_from_vector(full)
 
     law, x = start, np.zeros(len(chosen))
-    for moving in (False, False, False, True):  # the sum with moving V has other minima far away
-        fixed = None if moving else law
+    # V is first held at the previous law: the sum with a variable V has other, distant minima.
+    for variable in (False, False, False, True):
+        fixed = None if variable else law
         found = least_squares(
-            lambda x, fixed=fixed: weighted(w, loads, law_of(x), fixed).ravel(),
+            lambda x, fixed=fixed: weighted_residuals(w, loads, law_of(x), fixed).ravel(),
             x,
-            max_nfev=STEPS,
+            max_nfev=MAX_EVALUATIONS,
             xtol=1e-12,
             ftol=1e-12,
             gtol=1e-12,
@@ -176,9 +202,9 @@ def fit(w: Windows, loads: Loads, start: Law, free: Sequence[int]) -> Fitted:
     r = found.fun.reshape(-1, 2)
     jacobian = found.jac.reshape(len(w), 2, len(chosen))
     bread = np.linalg.pinv(np.einsum("nia,nib->ab", jacobian, jacobian), rcond=1e-14)
-    covariance = _sandwich(jacobian, r, bread)
-    more = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
-    shift = weighted(w, loads, more, law) - r
+    covariance = _sandwich_covariance(jacobian, r, bread)
+    changed = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
+    shift = weighted_residuals(w, loads, changed, law) - r
     systematic = np.abs(np.einsum("ab,nib,ni->an", bread, jacobian, shift)).sum(axis=1)
     freedom = max(len(w) - len(chosen), 1)
     to = np.array(scale[chosen])
@@ -186,33 +212,40 @@ def fit(w: Windows, loads: Loads, start: Law, free: Sequence[int]) -> Fitted:
     if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
         raise IdentifyError("no friction shows: the traction does not oppose the slip")
     covariance = covariance * np.outer(to, to)
-    return Fitted(law, tuple(chosen), covariance, systematic * to, freedom, misfit)
+    return KineticFit(law, tuple(chosen), covariance, systematic * to, freedom, misfit)
 
 
-def natural(loads: Loads, law: Law) -> Array:
-    """(4,) changes of the fitted vector that change the friction limit by its own size."""
+def parameter_scales(loads: ContactLoads, law: FrictionLaw) -> Array:
+    """Return the changes (4,) of the fitted vector that change the limit by 100 % (first order)."""
     radial, moment = float(np.mean(loads.radial)), float(np.mean(loads.moment))
     force = max(radial + law.bending * moment + max(law.preload, 0.0), 1e-12)
     return np.array([1.0, force, force / max(moment, 1e-12 * force), 1.0])
 
 
-def _sandwich(jacobian: Array, r: Array, bread: Array) -> Array:
-    """Covariance of a least-squares estimate, windows independent: HC3 with blocks of two rows."""
+def _sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
+    """Return the HC3 covariance of a least-squares estimate, with blocks of two rows per window."""
     leverage = np.einsum("nia,ab,njb->nij", jacobian, bread, jacobian)
     left = np.linalg.solve(np.eye(2) * (1.0 + 1e-9) - leverage, r[:, :, None])[:, :, 0]
     scores = np.einsum("nia,ni->na", jacobian, left)
     return np.asarray(bread @ (scores.T @ scores) @ bread)
 
 
-def precision(w: Windows, loads: Loads, law: Law, free: Sequence[int]) -> Array:
-    """(free,) standard deviations in natural units that the noise lets expect at ``law``."""
-    scale = natural(loads, law)
+def predicted_deviations(
+    w: Windows, loads: ContactLoads, law: FrictionLaw, free: Sequence[int]
+) -> Array:
+    """Return the standard deviations (free,) expected from the noise at ``law``.
+
+    In units of :func:`parameter_scales`.
+    """
+    scale = parameter_scales(loads, law)
     columns = []
     for k in free:
         step = np.zeros(4)
         step[k] = 1e-4 * scale[k]
-        up, down = of_vector(law.vector + step), of_vector(law.vector - step)
-        columns.append((weighted(w, loads, up) - weighted(w, loads, down)).ravel() / 2e-4)
+        up, down = law_from_vector(law.vector + step), law_from_vector(law.vector - step)
+        columns.append(
+            (weighted_residuals(w, loads, up) - weighted_residuals(w, loads, down)).ravel() / 2e-4
+        )
     jacobian = np.array(columns).T
     _, sizes, vt = np.linalg.svd(jacobian, full_matrices=False)
     sizes = np.maximum(sizes, 1e-9 * sizes.max(initial=1e-300))

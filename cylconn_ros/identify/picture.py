@@ -1,4 +1,4 @@
-"""The picture of an estimate: traction against normal force, and friction on its disc."""
+"""Picture of an identification: traction vs. normal force, and friction on the friction disc."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cylconn_ros.identify.friction import Identified
+from cylconn_ros.identify.friction import Identification
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette: told apart with any colour vision, and in grey by lightness.
+# Okabe and Ito's palette: distinguishable with any colour vision, and in grey by lightness.
 BLUE, RED, INK, SOFT, REST = "#0072B2", "#D55E00", "#222222", "#767676", "#A6A6A6"
 _STYLE: dict[Any, Any] = {
     "font.size": 10.0,
@@ -27,11 +27,11 @@ _STYLE: dict[Any, Any] = {
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
 }
-_MOST = 4000  # points drawn; more are thinned out evenly
+_MAX_POINTS = 4000  # of a plot; more are thinned out evenly
 
 
-def draw(found: Identified, name: str) -> Figure:
-    """Draw measured traction against normal force, with the law found; ``name`` of what."""
+def draw(found: Identification, name: str) -> Figure:
+    """Draw measured traction vs. normal force with the fitted law; ``name`` is the title."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -48,7 +48,7 @@ def draw(found: Identified, name: str) -> Figure:
     return figure
 
 
-def _traction(axes: Axes, found: Identified) -> None:
+def _traction(axes: Axes, found: Identification) -> None:
     rows = _thinned(len(found.normal))
     mu, rest = found.estimates["coefficient"], found.static
     resting = _thinned(rest.windows)
@@ -60,14 +60,14 @@ def _traction(axes: Axes, found: Identified) -> None:
     axes.errorbar(
         found.normal[rows], found.traction[rows], yerr=1.96 * found.deviation[rows],
         fmt="o", ms=3.0, lw=0.7, color=BLUE, ecolor="#9CC4E0", zorder=3,
-        label="slip, a window each (95 %)",
+        label="slip, one point per window (95 %)",
     )  # fmt: skip
     right = 1.06 * float(np.concatenate([found.normal, rest.normal]).max())
     line = np.array([0.0, right])
     axes.fill_between(line, mu.low * line, mu.high * line, color=RED, alpha=0.22, lw=0.0, zorder=1)
     axes.plot(line, mu.value * line, color=RED, lw=1.6, label=r"$\mu\,F_N$", zorder=4)
     static = found.estimates["static_coefficient"]
-    if len(rest.breaks):
+    if len(rest.breakaways):
         at = slice(rest.windows, None)
         axes.plot(
             rest.normal[at], rest.traction[at], "D", ms=6.5, mfc="none", mec=INK, mew=1.4,
@@ -90,7 +90,7 @@ def _traction(axes: Axes, found: Identified) -> None:
     axes.legend(loc="upper left", frameon=False)
 
 
-def _disc(axes: Axes, found: Identified) -> None:
+def _disc(axes: Axes, found: Identification) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 361)
     axes.plot(np.cos(turn), np.sin(turn), color=RED, lw=1.6, zorder=2)
     rows = _thinned(len(found.disc))
@@ -106,9 +106,9 @@ def _disc(axes: Axes, found: Identified) -> None:
 
 
 def _thinned(n: int) -> np.ndarray:
-    return np.unique(np.linspace(0, max(n - 1, 0), min(n, _MOST)).astype(int))
+    return np.unique(np.linspace(0, max(n - 1, 0), min(n, _MAX_POINTS)).astype(int))
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write the picture; the ending of ``path`` says as what (png, svg, pdf)."""
+    """Write the picture in the format of the suffix of ``path`` (png, svg, pdf)."""
     figure.savefig(path, dpi=150)

@@ -1,4 +1,4 @@
-"""Stretches of a recording in which the joint slips, or rests."""
+"""Segments of a recording in which the joint slips or is at rest."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identify.cubics import SHORT, cut, fits
-from cylconn_ros.identify.intervals import Measured
+from cylconn_ros.identify.cubics import SHORT_WINDOW, fit_cubics, window_rows
+from cylconn_ros.identify.intervals import Intervals
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-CHI_MEDIAN = 2.3659738843753377  # of three degrees of freedom
-SLIPS_ABOVE = 5.0  # standard deviations of the slip rate
-SHORTEST = 16  # intervals
-TURNING = 2  # intervals at the ends of slip, in which it turns or begins
-CHUNK = 512  # intervals over which the noise is taken as constant
+CHI_SQUARE_MEDIAN = 2.3659738843753377  # three degrees of freedom
+SLIP_SIGNIFICANCE = 5.0  # standard deviations of the slip rate
+MIN_SEGMENT = 16  # intervals
+TRIMMED = 2  # intervals at either end of a slip segment, in which slip begins or reverses
+NOISE_SPAN = 512  # intervals over which the noise is assumed constant
 
 
-class Stretch(NamedTuple):
-    """Intervals first … last - 1, all usable, of one regime."""
+class Segment(NamedTuple):
+    """Intervals first to last - 1, all usable, of one regime."""
 
     first: int
     last: int
@@ -30,50 +30,52 @@ class Stretch(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many intervals."""
+        """Number of intervals."""
         return self.last - self.first
 
 
-def slip_rate(measured: Measured, radius: float) -> tuple[Array, float]:
-    """(n,) |s| at the ends of the intervals and the standard deviation of one component."""
+def slip_rate(measured: Intervals, radius: float) -> tuple[Array, float]:
+    """Return |s| (n,) at the ends of the intervals, and the standard deviation of a component."""
     s = measured.rates * [1.0, radius]
-    if len(s) <= SHORT:
+    if len(s) <= SHORT_WINDOW:
         return np.hypot(s[:, 0], s[:, 1]), 0.0
-    rows = cut(len(s), SHORT)
-    left = np.square(fits(measured.time[rows]).rest(s[rows])).sum(axis=1)
-    # The median, of a chi square with three degrees of freedom: jerks do not count.
-    deviation = np.sqrt(np.median(left, axis=0) / CHI_MEDIAN)
+    rows = window_rows(len(s), SHORT_WINDOW)
+    squares = np.square(fit_cubics(measured.time[rows]).residuals(s[rows])).sum(axis=1)
+    # From the median of a chi-square variable with three degrees of freedom, which is insensitive
+    # to outliers, such as sudden changes of velocity.
+    deviation = np.sqrt(np.median(squares, axis=0) / CHI_SQUARE_MEDIAN)
     return np.hypot(s[:, 0], s[:, 1]), float(deviation.max())
 
 
-def threshold(measured: Measured, deviation: float) -> float:
-    """The slip rate above which the joint slips, m/s."""
-    return max(measured.scene.friction.rest_rate, SLIPS_ABOVE * deviation)
+def slip_threshold(measured: Intervals, deviation: float) -> float:
+    """Return the slip rate above which the joint slips, m/s."""
+    return max(measured.scene.friction.rest_rate, SLIP_SIGNIFICANCE * deviation)
 
 
-def stretches(measured: Measured, radius: float) -> list[Stretch]:
-    """The stretches of slip and of rest, in their order; what is too short for either is left out.
+def find_segments(measured: Intervals, radius: float) -> list[Segment]:
+    """Return the slip and rest segments in order of time, without those that are too short.
 
-    An interval counts as slip where both its ends do, and as rest where neither does.
+    An interval belongs to slip if the slip rate exceeds the threshold at both of its ends, and to
+    rest if it does so at neither.
     """
     rate, deviation = slip_rate(measured, radius)
-    fast = rate > threshold(measured, deviation)
+    fast = rate > slip_threshold(measured, deviation)
     before = np.r_[fast[:1], fast[:-1]]
     found = []
     for slips, rows in ((True, fast & before), (False, ~fast & ~before)):
         inside = np.r_[False, rows & measured.usable, False].astype(np.int8)
         edges = np.flatnonzero(np.diff(inside))
-        trim = TURNING if slips else 0
+        trim = TRIMMED if slips else 0
         found += [
-            Stretch(int(a) + trim, int(b) - trim, slips)
+            Segment(int(a) + trim, int(b) - trim, slips)
             for a, b in zip(edges[::2], edges[1::2], strict=True)
-            if b - a - 2 * trim >= SHORTEST
+            if b - a - 2 * trim >= MIN_SEGMENT
         ]
     return sorted(found)
 
 
-def chunks(stretch: Stretch) -> list[Stretch]:
-    """A stretch in pieces of about CHUNK intervals, none shorter than half of it if it can be."""
-    parts = max(1, round(stretch.size / CHUNK))
-    edges = np.linspace(stretch.first, stretch.last, parts + 1).astype(int)
-    return [Stretch(int(a), int(b), stretch.slips) for a, b in pairwise(edges)]
+def split_segment(segment: Segment) -> list[Segment]:
+    """Split a segment into equal parts of about NOISE_SPAN intervals."""
+    parts = max(1, round(segment.size / NOISE_SPAN))
+    edges = np.linspace(segment.first, segment.last, parts + 1).astype(int)
+    return [Segment(int(a), int(b), segment.slips) for a, b in pairwise(edges)]

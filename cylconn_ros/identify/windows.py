@@ -1,13 +1,14 @@
 """Forces at the middles of windows: slopes of cubics in time, fitted to the measured impulses.
 
-A wrench from differences of noisy twists is mostly noise, and the normal force is made of absolute
-values, which turn noise into force. So impulses p(t) are fitted first, with a cubic over each
-window of W intervals, by least squares: its slope at the middle has the noise 75 V / (W^3 h^2)
-instead of 2 V / h^2. Windows share no measurement, so their errors are independent.
+A wrench from differences of noisy twists is dominated by noise, and the normal force contains
+absolute values, which turn noise into force. So a cubic is fitted to the impulses p(t) over each
+window of W intervals, by least squares. Its slope at the middle is the force, with the noise
+variance 75 V / (W^3 h^2) instead of 2 V / h^2. Windows share no measurement, so their errors are
+independent.
 
-W is as large as the motion allows: the largest for which, in a stretch, what the cubics leave is
-the noise that the shortest show; and two fifths of that, which makes what the cubic misses, W^4, a
-small part of the noise.
+W is two fifths of the largest window for which, within a segment, the residuals of the cubics do
+not exceed the noise that the shortest windows show. The truncation error of a cubic grows with W^4
+and is then a small part of the noise.
 """
 
 from __future__ import annotations
@@ -17,23 +18,24 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identify.cubics import TERMS, cut, fits, noise
-from cylconn_ros.identify.intervals import Measured
-from cylconn_ros.identify.segments import Stretch, chunks
+from cylconn_ros.identify.cubics import TERMS, fit_cubics, noise_covariance, window_rows
+from cylconn_ros.identify.intervals import Intervals
+from cylconn_ros.identify.segments import Segment, split_segment
 
 Array = NDArray[np.float64]
 
 SIZES = (6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
-FEWEST = 24  # windows of a recording, if it is long enough
-SHARE = 0.4  # of the largest windows in which a cubic leaves nothing but noise
-TEST = 3.0  # standard deviations
-OWN = 4.7  # over the number of samples: relative variance of the noise's own estimate
-KINK = 8.0  # times the usual misfit, and more than a hundredth of the force: no smooth motion
+MIN_WINDOWS = 24  # windows of a recording, if it is long enough
+SHARE = 0.4  # of the largest window size for which the residuals are noise
+TEST_DEVIATIONS = 3.0  # standard deviations of the test of the residuals
+NOISE_VARIANCE_ERROR = 4.7  # relative variance of the estimated noise, times the number of samples
+MISFIT_LIMIT = 8.0  # times the usual misfit; a window above it, and above 1 % of the force, is
+# rejected, since the motion in it is not smooth
 
 
 @dataclasses.dataclass(frozen=True)
 class Windows:
-    """Forces and motion at the middles of windows.
+    """Forces and motion at the middles of n windows.
 
     Attributes
     ----------
@@ -41,11 +43,11 @@ class Windows:
         wrench: (n, 6) f1f f2 f3 m1f m2 m3; N, N.m.
         covariance: (n, 6, 6) of ``wrench``.
         rates: (n, 2) slide m/s, spin rad/s.
-        ends: (n, 2, 2) the same at the windows' two ends.
-        rate_noise: (n, 2) their standard deviations.
-        stretch: (n,) number of the stretch.
-        intervals: (n,) how many intervals each stands for.
-        kinks: windows left out because the motion in them is not smooth.
+        ends: (n, 2, 2) the same at both ends of the window.
+        rate_noise: (n, 2) standard deviations of ``rates``.
+        segment: (n,) index of the segment.
+        intervals: (n,) number of intervals in the window.
+        rejected: number of windows rejected because the motion in them is not smooth.
     """
 
     time: Array
@@ -54,61 +56,62 @@ class Windows:
     rates: Array
     ends: Array
     rate_noise: Array
-    stretch: NDArray[np.intp]
+    segment: NDArray[np.intp]
     intervals: NDArray[np.intp]
-    kinks: int
+    rejected: int
 
     def __len__(self) -> int:
         return len(self.time)
 
     def take(self, rows: NDArray) -> Windows:
-        """Some of the windows."""
-        names = [f.name for f in dataclasses.fields(self) if f.name != "kinks"]
-        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in names})
+        """Return the windows ``rows`` (indices or a mask)."""
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
 
-def windows(measured: Measured, found: list[Stretch]) -> Windows:
-    """Cut stretches into windows and give the forces in them."""
+_ARRAYS = tuple(field.name for field in dataclasses.fields(Windows) if field.name != "rejected")
+
+
+def cut_windows(measured: Intervals, segments: list[Segment]) -> Windows:
+    """Cut segments into windows, and return the forces and rates in them."""
     parts = []
-    greatest = max(sum(stretch.size for stretch in found) // FEWEST - 1, SIZES[0])
-    for number, stretch in enumerate(found):
-        for chunk in chunks(stretch):
-            parts.append(_of_chunk(measured, chunk, number, greatest))
-    return _joined(parts)
+    largest = max(sum(segment.size for segment in segments) // MIN_WINDOWS - 1, SIZES[0])
+    for number, segment in enumerate(segments):
+        for part in split_segment(segment):
+            parts.append(_windows_of(measured, part, number, largest))
+    return _concatenate(parts)
 
 
-def _joined(parts: list[Windows]) -> Windows:
+def _concatenate(parts: list[Windows]) -> Windows:
     if not parts:
         none = np.zeros(0)
         index = np.zeros(0, dtype=np.intp)
         pairs, ends, cov = np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 6, 6))
         return Windows(none, np.zeros((0, 6)), cov, pairs, ends, pairs, index, index, 0)
-    names = [f.name for f in dataclasses.fields(Windows) if f.name != "kinks"]
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Windows(**columns, kinks=sum(part.kinks for part in parts))
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    return Windows(**columns, rejected=sum(part.rejected for part in parts))
 
 
-def impulses(measured: Measured, chunk: Stretch) -> tuple[Array, Array, Array]:
-    """Times, impulses and rates at the ends of a chunk's intervals: (n + 1,), (n + 1, 6 and 2)."""
-    rows = slice(chunk.first, chunk.last)
+def impulses(measured: Intervals, segment: Segment) -> tuple[Array, Array, Array]:
+    """Return times (n + 1,), impulses (n + 1, 6) and rates (n + 1, 2) at the interval ends."""
+    rows = slice(segment.first, segment.last)
     dt = measured.dt[rows]
     steps = np.vstack([np.zeros(6), measured.wrench[rows] * dt[:, None]])
-    begin = max(chunk.first - 1, 0)
+    begin = max(segment.first - 1, 0)
     rates = np.vstack([measured.rates[begin : begin + 1], measured.rates[rows]])
-    time = measured.time[chunk.first] - dt[0] + np.r_[0.0, np.cumsum(dt)]
+    time = measured.time[segment.first] - dt[0] + np.r_[0.0, np.cumsum(dt)]
     return time, np.cumsum(steps, axis=0), rates
 
 
-def _of_chunk(measured: Measured, chunk: Stretch, number: int, greatest: int) -> Windows:
-    time, p, rates = impulses(measured, chunk)
-    white, rate_white = noise(time, p), noise(time, rates)
-    w = _size(time, p, np.diag(white), greatest)
-    rows = cut(len(p), w)
-    fit, inside = fits(time[rows]), p[rows]  # (windows, w + 1, 6)
-    rest = fit.rest(inside)
+def _windows_of(measured: Intervals, segment: Segment, number: int, largest: int) -> Windows:
+    time, p, rates = impulses(measured, segment)
+    white, rate_white = noise_covariance(time, p), noise_covariance(time, rates)
+    w = _window_size(time, p, np.diag(white), largest)
+    rows = window_rows(len(p), w)
+    fit, inside = fit_cubics(time[rows]), p[rows]  # (windows, w + 1, 6)
+    rest = fit.residuals(inside)
     misfit = np.square(rest).sum(axis=1)
     usual = np.maximum(np.median(misfit, axis=0), (w + 1 - TERMS) * np.diag(white))
-    smooth = (misfit <= KINK * usual + _negligible(inside)).all(axis=1)
+    smooth = (misfit <= MISFIT_LIMIT * usual + _negligible(inside)).all(axis=1)
     n = int(smooth.sum())
     gain = np.square(fit.slope).sum(axis=1)
     spread = np.sqrt(np.square(fit.value).sum(axis=1)[:, None] * np.diag(rate_white))
@@ -119,32 +122,33 @@ def _of_chunk(measured: Measured, chunk: Stretch, number: int, greatest: int) ->
         rates=np.einsum("wk,wkc->wc", fit.value, rates[rows])[smooth],
         ends=(fit.design[:, [0, -1]] @ (fit.solve @ rates[rows]))[smooth],
         rate_noise=spread[smooth],
-        stretch=np.full(n, number, dtype=np.intp),
+        segment=np.full(n, number, dtype=np.intp),
         intervals=np.full(n, w, dtype=np.intp),
-        kinks=len(rows) - n,
+        rejected=len(rows) - n,
     )
 
 
 def _negligible(inside: Array) -> Array:
-    """(windows, 6) misfits that a hundredth of the mean force or moment would make."""
+    """Return the misfits (windows, 6) that 1 % of the mean force or moment would cause."""
     count, points, _ = inside.shape
     change = np.abs(inside[:, -1] - inside[:, 0]).reshape(count, 2, 3).max(axis=2)
     return np.repeat(points * (1e-2 * change) ** 2, 3, axis=1)
 
 
-def _size(time: Array, p: Array, variance: Array, greatest: int) -> int:
-    """The intervals of a window: as many as the motion allows, ``greatest`` at most."""
+def _window_size(time: Array, p: Array, variance: Array, largest: int) -> int:
+    """Return the intervals of a window: as many as the motion permits, up to ``largest``."""
     n = len(p)
-    greatest = min(greatest, max(n // 4 - 1, SIZES[0]))
+    largest = min(largest, max(n // 4 - 1, SIZES[0]))
     chosen = SIZES[0]
     for w in SIZES:
-        if w + 1 > n or SHARE * w > greatest:
+        if w + 1 > n or SHARE * w > largest:
             break
-        rows = cut(n, w)
-        rest = fits(time[rows]).rest(p[rows])
+        rows = window_rows(n, w)
+        rest = fit_cubics(time[rows]).residuals(p[rows])
         freedom = len(rows) * (w + 1 - TERMS)
         ratio = np.square(rest).sum(axis=(0, 1)) / np.where(variance > 0.0, freedom * variance, 1.0)
-        if (ratio > 1.0 + TEST * np.sqrt(2.0 / freedom + OWN / n)).any():
+        spread = np.sqrt(2.0 / freedom + NOISE_VARIANCE_ERROR / n)
+        if (ratio > 1.0 + TEST_DEVIATIONS * spread).any():
             break
         chosen = w
-    return min(max(int(SHARE * chosen), SIZES[0]), greatest)
+    return min(max(int(SHARE * chosen), SIZES[0]), largest)

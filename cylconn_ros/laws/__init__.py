@@ -1,1 +1,1 @@
-"""The laws of a step, checked from outside: written from the definitions, without the solver."""
+"""Independent check of the laws of a step: written from the definitions, without solver code."""

@@ -1,4 +1,4 @@
-"""The laws of methods whose wrench is that of the sample's own instant: it acts in q, at once."""
+"""Laws of the methods with an explicit wrench: it depends on the sample only and acts in q."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import elastic, rigid
-from cylconn_ros.laws.balance import balance, driven, pressed, sums
+from cylconn_ros.laws.balance import (
+    actuation_residual,
+    contact_residual,
+    sum_residual,
+    wrench_residual,
+)
 from cylconn_ros.laws.bounds import bounds
 from cylconn_ros.laws.friction import limit
 from cylconn_ros.laws.normalised import Block, ratio, worst
-from cylconn_ros.laws.parameters import Parameters
-from cylconn_ros.laws.sample_state import Observed
-from cylconn_ros.laws.slip import friction_of, terms_of_limit
+from cylconn_ros.laws.parameters import Parameters, world
+from cylconn_ros.laws.sample_state import SampleState
+from cylconn_ros.laws.slip import limit_size, reported_friction
 from cylconn_ros.laws.step import (
-    AVAILABLE,
     CONSTRAINED,
+    FREE,
     Step,
     accelerations,
-    by_wrench,
-    pulled,
+    pull_in_rates,
+    rates_from_wrench,
 )
 
 Array = NDArray[np.float64]
@@ -34,13 +39,18 @@ REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
 CONSTRAINT = [layout.FORCE + 1, layout.FORCE + 2, layout.MOMENT + 1, layout.MOMENT + 2]
 
 
-def balanced(block: Block, o: Observed, s: Step) -> Array:
-    """A: opposite wrenches in q; parts by their formulas at the sample."""
+def explicit_balance(block: Block, o: SampleState, s: Step) -> Array:
+    """Residual (n,) of the balance: opposite wrenches in q, components by their formulas."""
     p, out = block.parameters, block.out
     here = dataclasses.replace(s, frame=o.frame)
-    rows = [balance(p, o, here, out), sums(out), pressed(p, out), driven(p, out)]
-    u, u_size = _stretch(p, o)
-    w, w_size = o.w[:, AVAILABLE], o.w_size[:, AVAILABLE]
+    rows = [
+        wrench_residual(p, o, here, out),
+        sum_residual(out),
+        contact_residual(p, out),
+        actuation_residual(p, out),
+    ]
+    u, u_size = _elongation(p, o)
+    w, w_size = o.w[:, FREE], o.w_size[:, FREE]
     for k, (spring, damper) in enumerate(PARTS):
         stiff, damp = p.stiffness[:, k], p.damping[:, k]
         rows.append(ratio(out[:, spring] + stiff * u[:, k], stiff * u_size[:, k]))
@@ -48,73 +58,74 @@ def balanced(block: Block, o: Observed, s: Step) -> Array:
     return np.asarray(np.max(rows, axis=0))
 
 
-def _stretch(p: Parameters, o: Observed) -> tuple[Array, Array]:
+def _elongation(p: Parameters, o: SampleState) -> tuple[Array, Array]:
+    """(n, 2) length and angle minus their references, and the size."""
     reference = np.where(np.isnan(p.reference), o.start, p.reference)
-    return o.place - reference, o.place_size + np.abs(reference)
+    return o.position - reference, o.position_size + np.abs(reference)
 
 
-def springs(block: Block, o: Observed, s: Step) -> dict[str, Array]:
-    """Penalty: constraint, stick and bounds are springs and dampers."""
+def penalty(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
+    """Laws of penalty: constraint, stick and bounds are springs and dampers."""
     p, out = block.parameters, block.out
     stiff, damp = (p.gains[:, [k, k, k + 1, k + 1]] for k in (0, 2))
     w, w_size = o.w[:, CONSTRAINED], o.w_size[:, CONSTRAINED]
-    wrong = out[:, CONSTRAINT] + stiff * o.error + damp * w
-    constraint = worst(ratio(wrong, stiff * o.error_size + damp * w_size))
+    error = out[:, CONSTRAINT] + stiff * o.error + damp * w
+    constraint = worst(ratio(error, stiff * o.error_size + damp * w_size))
     return {
-        "C": constraint,
-        **_mapped(block, o),
-        "U": _pushed(block, o),
-        "A": balanced(block, o, s),
+        "constraint": constraint,
+        **_return_mapping(block, o),
+        "stops": _penalty_bounds(block, o),
+        "balance": explicit_balance(block, o, s),
     }
 
 
-def _mapped(block: Block, o: Observed) -> dict[str, Array]:
-    """D, S and K: the return mapping onto the disc."""
+def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
+    """Friction limit, slip direction and stick of the return mapping onto the friction disc."""
     p, out, tables = block.parameters, block.out, block.tables
     s, s_size = elastic.slip_of_sample(p, o)
-    d, d_size = elastic.carried(p, o, block.past)
+    d, d_size = elastic.advanced_slip(p, o, block.past)
     stiff, damp = p.gains[:, 4][:, None], p.gains[:, 5][:, None]
     trial = -stiff * d - damp * s
     trial_size = stiff * d_size + damp * s_size
-    f = friction_of(block, np.abs(out[:, CONSTRAINT]))
+    f = reported_friction(block, np.abs(out[:, CONSTRAINT]))
     rate = rigid.norm(s)
     rest = np.zeros_like(rate)
     slips, sticks = (out[:, layout.REGIME] == x for x in (layout.SLIP, layout.STICK))
     size = rigid.norm(trial_size)
     slipping, resting = (limit(p, tables, r, f.normal) for r in (rate, rest))
-    terms = terms_of_limit(block, f, rate, rigid.norm(s_size))
+    terms = limit_size(block, f, rate, rigid.norm(s_size))
     over = ratio(f.traction - slipping, terms)
     beyond = np.maximum(f.traction - resting, 0.0)
-    said = np.where(p.on == (slips | sticks), 0.0, np.inf)
-    # radially: across the trial, and not against it
+    no_friction = np.where(p.on == (slips | sticks), 0.0, np.inf)
+    # the return is radial: nothing across the trial friction, and nothing against it
     across = f.phi[:, 0] * trial[:, 1] - f.phi[:, 1] * trial[:, 0]
     back = np.maximum(-rigid.dot(f.phi, trial), 0.0)
-    early = np.maximum(resting - rigid.norm(trial), 0.0)  # it slips only beyond the disc
+    early = np.maximum(resting - rigid.norm(trial), 0.0)  # slip needs a trial outside of the disc
     mapped = np.max(
         [
             ratio(across, f.traction * size),
             ratio(back, f.traction * size),
-            ratio(early, size + terms_of_limit(block, f, rest, rest)),
+            ratio(early, size + limit_size(block, f, rest, rest)),
         ],
         axis=0,
     )
-    at_rest = ratio(beyond, terms_of_limit(block, f, rest, rest))
+    at_rest = ratio(beyond, limit_size(block, f, rest, rest))
     return {
-        "D": np.where(slips, over, np.where(sticks, at_rest, said)),
-        "S": np.where(slips, mapped, np.nan),
-        "K": np.where(sticks, worst(ratio(f.phi - trial, trial_size)), np.nan),
+        "friction_limit": np.where(slips, over, np.where(sticks, at_rest, no_friction)),
+        "slip_direction": np.where(slips, mapped, np.nan),
+        "stick": np.where(sticks, worst(ratio(f.phi - trial, trial_size)), np.nan),
     }
 
 
-def _pushed(block: Block, o: Observed) -> Array:
-    """U: the springs and dampers of stops, a lock or an imposed motion."""
+def _penalty_bounds(block: Block, o: SampleState) -> Array:
+    """Residual (n,) of the stops law: springs and dampers of stops, a lock or an imposed motion."""
     p, out = block.parameters, block.out
     b = bounds(p, o, block.past, out[:, layout.RESTITUTION])
-    x, w, x_size, w_size = o.place, o.w[:, AVAILABLE], o.place_size, o.w_size[:, AVAILABLE]
+    x, w, x_size, w_size = o.position, o.w[:, FREE], o.position_size, o.w_size[:, FREE]
     stiff, damp = p.gains[:, :2], p.gains[:, 2:4]
     at = np.where(b.locked, b.locked_at[:, None], b.imposed_at)
     rate = np.where(b.locked | np.isnan(p.command[:, :, 1]), 0.0, p.command[:, :, 1])
-    held = b.locked | b.driven
+    held = b.locked | b.imposed
     wanted = np.where(held, -stiff * (x - at) - damp * (w - rate), 0.0)
     size = np.where(held, stiff * (x_size + np.abs(at)) + damp * (w_size + np.abs(rate)), 0.0)
     for side, number in ((-1.0, 0), (1.0, 1)):
@@ -133,16 +144,20 @@ def _pushed(block: Block, o: Observed) -> Array:
     return np.where(p.bounded, np.where(locks, np.inf, found), np.nan)
 
 
-def multiplied(block: Block, o: Observed, s: Step) -> dict[str, Array]:
-    """augmented_lagrangian: the constraint's multiplier is its own, all else is penalty's."""
-    return {**_mapped(block, o), "U": _pushed(block, o), "A": balanced(block, o, s)}
+def augmented_lagrangian(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
+    """Laws of augmented_lagrangian: those of penalty except for the constraint."""
+    return {
+        **_return_mapping(block, o),
+        "stops": _penalty_bounds(block, o),
+        "balance": explicit_balance(block, o, s),
+    }
 
 
-def regularised(block: Block, o: Observed, s: Step) -> dict[str, Array]:
-    """baumgarte: accelerations under feedback, friction against the sample's slip."""
+def baumgarte(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
+    """Laws of baumgarte: accelerations with feedback, friction against the sample's slip."""
     p, out = block.parameters, block.out
     slip, size = elastic.slip_of_sample(p, o)
-    f = friction_of(block, np.abs(out[:, CONSTRAINT]))
+    f = reported_friction(block, np.abs(out[:, CONSTRAINT]))
     rate = rigid.norm(slip)
     over = np.maximum(f.traction - limit(p, block.tables, rate, f.normal), 0.0)
     power = np.maximum(rigid.dot(f.phi, slip), 0.0)
@@ -151,26 +166,31 @@ def regularised(block: Block, o: Observed, s: Step) -> dict[str, Array]:
     terms += rigid.norm(size)[:, None] * np.abs(f.phi)
     none = np.full_like(rate, np.nan)
     return {
-        "C": _accelerated(block, o, s),
-        "D": np.where(p.on, ratio(over, terms_of_limit(block, f, rate, rigid.norm(size))), none),
-        "S": np.where(p.on, worst(ratio(rows, terms)), none),
-        "E": np.where(p.on, ratio(power, rigid.dot(np.abs(f.phi), size)), none),
-        "A": balanced(block, o, s),
+        "constraint": _accelerations(block, o, s),
+        "friction_limit": np.where(
+            p.on, ratio(over, limit_size(block, f, rate, rigid.norm(size))), none
+        ),
+        "slip_direction": np.where(p.on, worst(ratio(rows, terms)), none),
+        "dissipation": np.where(p.on, ratio(power, rigid.dot(np.abs(f.phi), size)), none),
+        "balance": explicit_balance(block, o, s),
     }
 
 
-def _accelerated(block: Block, o: Observed, s: Step) -> Array:
-    """C: (J a + J' v)_c = 2 alpha (pulled - w)_c, with pulled = -e beta^2 / (2 alpha), limited."""
+def _accelerations(block: Block, o: SampleState, s: Step) -> Array:
+    """Residual (n,) of the constraint: (J a + J' v)_c = 2 alpha (r - w)_c.
+
+    r = -e beta^2 / (2 alpha), limited by the pull-in speed and rate.
+    """
     p, out = block.parameters, block.out
     at_once = dataclasses.replace(p, h=np.ones_like(p.h))
     wrench = out[:, layout.FORCE : layout.FORCE + 6]
     here = dataclasses.replace(s, frame=o.frame, **_inertias(p, o))
-    by, by_size = by_wrench(at_once, here, wrench, np.abs(wrench))
+    by, by_size = rates_from_wrench(at_once, here, wrench, np.abs(wrench))
     free, free_size = accelerations(p, o, block.sample)
-    turning, turning_size = _turning(o)
+    turning, turning_size = _velocity_product(o)
     alpha, beta = p.feedback[:, 0], p.feedback[:, 1]
-    settling = 2.0 * alpha / beta**2
-    back, back_size = pulled(o, settling, (p.pull_in_speed, p.pull_in_rate))
+    time_constant = 2.0 * alpha / beta**2
+    back, back_size = pull_in_rates(o, time_constant, (p.pull_in_speed, p.pull_in_rate))
     gain = 2.0 * alpha[:, None]
     target = gain * (back - o.w[:, CONSTRAINED])
     size = gain * (back_size + o.w_size[:, CONSTRAINED])
@@ -179,17 +199,16 @@ def _accelerated(block: Block, o: Observed, s: Step) -> Array:
     return worst(ratio(total - target, total_size + size))
 
 
-def _inertias(p: Parameters, o: Observed) -> dict[str, Array]:
-    from cylconn_ros.laws.parameters import world
-
+def _inertias(p: Parameters, o: SampleState) -> dict[str, Array]:
+    """Inverse inertias (n, 3, 3) in the sample's configuration, world axes."""
     return {
         "inverse_a": world(p.a.inverse_inertia, rigid.matrix(o.a.orientation)),
         "inverse_b": world(p.b.inverse_inertia, rigid.matrix(o.b.orientation)),
     }
 
 
-def _turning(o: Observed) -> tuple[Array, Array]:
-    """(n, 6) J' v: what turning frames add to the accelerations, and its size."""
+def _velocity_product(o: SampleState) -> tuple[Array, Array]:
+    """(n, 6) J' v, the velocity-dependent part of the relative accelerations, and its size."""
     f, wa, wb = o.frame, o.a.spin, o.b.spin
     speed = rigid.out_of(f.axes, o.w[:, :3])
     linear = np.cross(wb, np.cross(wb, f.arm_b)) - np.cross(wa, np.cross(wa, f.arm_a))

@@ -1,4 +1,4 @@
-"""The law of friction, written from semantics: contact forces, coefficient, limit."""
+"""The friction law, written independently: contact forces, coefficient, friction limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def contact(p: Parameters, force: Array, moment: Array) -> tuple[Array, Array, Array, Array]:
-    """Fr, Mbend, Fbend = 2 Mbend / L, FN = |Fr + Fbend + FCint| of (n, 3) force and moment."""
+    """(n,) Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (n, 3) force, moment."""
     radial = np.hypot(force[:, 1], force[:, 2])
     bending = np.hypot(moment[:, 1], moment[:, 2])
     lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
@@ -21,7 +21,7 @@ def contact(p: Parameters, force: Array, moment: Array) -> tuple[Array, Array, A
 
 
 def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(n,) mu at slip rate |s| and contact force FN."""
+    """(n,) coefficient mu at slip rate |s| (m/s) and contact force FN (N)."""
     with np.errstate(under="ignore"):
         mu = p.kinetic + (p.static - p.kinetic) * np.exp(-p.decay * rate)
     for number in np.unique(p.table[p.table >= 0]):
@@ -31,7 +31,7 @@ def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Arr
 
 
 def slopes(p: Parameters, tables: Sequence[Table]) -> tuple[Array, Array]:
-    """(n,) the greatest |d mu / d|s|| and |d mu / d FN|."""
+    """(n,) Lipschitz constants of mu: largest |d mu / d|s|| (s/m) and |d mu / d FN| (1/N)."""
     by_rate, by_force = p.decay * np.abs(p.static - p.kinetic), np.zeros_like(p.decay)
     for number in np.unique(p.table[p.table >= 0]):
         table, rows = tables[number], p.table == number
@@ -43,16 +43,17 @@ def slopes(p: Parameters, tables: Sequence[Table]) -> tuple[Array, Array]:
 
 
 def interpolated(table: Table, rate: Array, force: Array) -> Array:
-    """(n,) bilinear in the table, constant beyond its ends."""
-    i, t = _place(table.rates, rate)
-    j, u = _place(table.forces, force)
+    """(n,) bilinear interpolation in the table, constant outside."""
+    i, t = _interval(table.rates, rate)
+    j, u = _interval(table.forces, force)
     k, m = np.minimum(i + 1, len(table.rates) - 1), np.minimum(j + 1, len(table.forces) - 1)
     low = (1.0 - u) * table.values[i, j] + u * table.values[i, m]
     high = (1.0 - u) * table.values[k, j] + u * table.values[k, m]
     return np.asarray((1.0 - t) * low + t * high)
 
 
-def _place(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
+def _interval(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
+    """(n,) index of the interval that contains x, and the position in it, 0 to 1."""
     x = np.clip(x, axis[0], axis[-1])
     i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, max(len(axis) - 2, 0))
     if len(axis) == 1:
@@ -61,5 +62,5 @@ def _place(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
 
 
 def limit(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(n,) the greatest traction: min(cap, mu FN)."""
+    """(n,) friction limit min(cap, mu FN), N."""
     return np.minimum(p.cap, coefficient(p, tables, rate, normal) * normal)

@@ -1,4 +1,4 @@
-"""Each method's own runs of the scene library, in process: the closed loop, sample by sample."""
+"""Runs of the bundled scenes with each method, in process: the closed loop, sample by sample."""
 
 from __future__ import annotations
 
@@ -10,55 +10,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
-from cylconn_ros.laws.runs import Recorded
+from cylconn_ros.laws.runs import RunSamples, simulated
+from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Body, Scene
-from cylconn_ros.simulation.simulate import simulate
+from cylconn_ros.simulation.simulate import samples_of, simulate
 
 Array = NDArray[np.float64]
-SPRUNG = ("penalty", "augmented_lagrangian")
 
 
-def served(scenes: Mapping[str, Scene], method: str) -> tuple[dict[str, Scene], dict[str, str]]:
-    """The scenes that the method serves, asked of it, and why it does not serve the others.
+def accepted_scenes(
+    scenes: Mapping[str, Scene], method: str
+) -> tuple[dict[str, Scene], dict[str, str]]:
+    """The scenes that a method accepts, with that method, and its reasons to reject the others.
 
-    Methods of unknown inertia get gains of a twentieth of m/h^2 and a third of m/h, m what the
-    connector feels of the lighter body, where the scene gives none.
+    A method that uses gains gets them if the scene has none: stiffness m/(20 h^2) and damping
+    0.3 m/h, with m the lesser of the effective masses of the free bodies at their nodes.
     """
-    found, refused = {}, {}
+    accepted, rejected = {}, {}
     for name, scene in scenes.items():
         values: dict[str, Any] = {**scene.parameters(), "method": method}
-        if method in SPRUNG and math.isnan(scene.penalty.stiffness):
+        if TRAITS[method].uses_gains and math.isnan(scene.penalty.stiffness):
             values.update(_gains(scene))
         try:
-            asked = Scene.from_parameters(values)
-            Connector(asked)
+            candidate = Scene.from_parameters(values)
+            if TRAITS[method].live:
+                Connector(candidate)
         except SceneError as error:
-            refused[name] = str(error)
+            rejected[name] = str(error)
         else:
-            found[name] = asked
-    return found, refused
+            accepted[name] = candidate
+    return accepted, rejected
 
 
-def run(scene: Scene, most: int) -> Recorded:
-    """Simulate at most ``most`` samples of the scene's duration."""
-    steps = min(most, round(scene.plant.duration / scene.period) + 1)
-    ran = simulate(scene, steps)
-    samples = np.zeros((steps, layout.NSAMPLE))
-    samples[:, layout.MOTION] = ran.states
-    samples[:, layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    begins, periods = np.arange(steps) == 0, np.full(steps, scene.period)
-    return Recorded(scene.method, scene, samples, ran.outs, periods, periods, begins, 0, "")
+def run(scene: Scene, most: int) -> RunSamples:
+    """Simulate the scene's duration, but at most ``most`` samples."""
+    result = simulate(scene, samples=min(most, samples_of(scene)))
+    loads = (*scene.plant.body_a.load, *scene.plant.body_b.load)
+    return simulated(scene, scene.method, result.states, result.outs, loads)
 
 
 def _gains(scene: Scene) -> dict[str, float]:
-    felt = [
-        _felt(body, node.position)
+    effective = [
+        _effective(body, node.position)
         for body, node in ((scene.body_a, scene.node_a), (scene.body_b, scene.node_b))
         if body.kind == "free"
     ]
-    mass, inertia = min(m for m, _ in felt), min(i for _, i in felt)
+    mass, inertia = min(m for m, _ in effective), min(i for _, i in effective)
     h = scene.period
     return {
         "penalty.stiffness": 0.05 * mass / h**2,
@@ -68,8 +66,8 @@ def _gains(scene: Scene) -> dict[str, float]:
     }
 
 
-def _felt(body: Body, node: tuple[float, ...]) -> tuple[float, float]:
-    """Mass and inertia of a body, the mass as its node feels it at least."""
+def _effective(body: Body, node: tuple[float, ...]) -> tuple[float, float]:
+    """Least effective mass of a body at its node (kg), and its least moment of inertia (kg m^2)."""
     xx, xy, xz, yy, yz, zz = body.inertia
     inertia = float(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0])
     arm = float(np.linalg.norm(np.subtract(node, body.com)))

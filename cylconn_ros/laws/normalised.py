@@ -1,4 +1,4 @@
-"""Residuals: what a law leaves over, by the size of the terms that enter it."""
+"""Normalised residuals: the error of a law divided by the size of the terms that enter it."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from cylconn_ros.laws.sample_state import History
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-12
-"""What is attainable in double precision over extreme scales, and allowed."""
+"""Largest residual that counts as rounding: attainable in double precision over extreme scales."""
 
 
 @dataclasses.dataclass
 class Block:
-    """Samples and their answers: row k of every array belongs together."""
+    """Samples and their outputs; row k of every array belongs to sample k."""
 
     parameters: Parameters
     tables: Sequence[Table]
     sample: Array  # (n, NSAMPLE)
     out: Array  # (n, NOUT)
-    past: History  # before the sample
+    past: History  # before each sample
 
 
 def ratio(value: Array, size: Array) -> Array:
-    """|value| / size, 0 where both vanish, infinite for what is not finite."""
+    """|value| / size; 0 if both are 0, infinite if the value is not finite."""
     value = np.abs(value)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         found = np.where(value > 0.0, value / size, 0.0)
@@ -37,5 +37,5 @@ def ratio(value: Array, size: Array) -> Array:
 
 
 def worst(rows: Array) -> Array:
-    """(n,) the greatest of (n, k) rows."""
+    """(n,) maximum over the columns of (n, k) rows."""
     return np.asarray(np.max(rows, axis=1))

@@ -1,12 +1,13 @@
-"""Law O: against a fine integration of the held wrench the errors at the end of a step shrink.
+"""Law of order: errors at the end of a step, with the wrench held, shrink at the stated order.
 
-The plant is Newton-Euler by DOP853 to 1e-12, written here: the wrench is converted once, at the
-stamp's pose, to force and torque about the mass centre and held in world axes (or turns with the
-body where it is held so). What is measured at the samples, over at least four halvings of h:
+The plant integrates the Newton-Euler equations with DOP853 to 1e-12, written independently. The
+wrench is converted once, at the pose of its stamp, to force and torque about the mass centre. It is
+then constant in world axes, or in body axes if the scene says so. Measured at the samples, over
+four halvings of h:
 
-    violation of position   the greatest |(y, z, swings) - target| after the first tenth
-    violation of rate       the greatest |J(q+) v+| on the constraint
-    direction               the greatest angle between phi and -s+
+    violation of position   largest |(y, z, swings) - target| after the first tenth
+    violation of rate       largest |J(q+) v+| of the constraint
+    direction               largest angle between phi and -s+
 """
 
 from __future__ import annotations
@@ -21,37 +22,37 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.balance import received
+from cylconn_ros.laws.balance import applied_wrench
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of
-from cylconn_ros.laws.sample_state import Motion, motion, no_history, observe
+from cylconn_ros.laws.sample_state import Motion, motion, no_history, state_of
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 PERIODS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 DURATION = 0.04  # s
 STATED = {"position": 3.0, "rate": 2.0, "direction": 1.0}
-"""Orders: e is third order and J(q+)v+ second (docs/equations.md); friction is against the slip of
-the middle of the step, which turns by half a step until its end: first order."""
-SLACK = 0.2  # below the stated order that a fit may be
+"""Stated orders: e is of third order, J(q+) v+ of second (see equations.md). Friction opposes the
+slip in the middle of the step, which turns by half a step until its end: first order."""
+MARGIN = 0.2  # by which a fitted order may be below the stated order
 
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Errors over periods, and the fitted slope of their logarithms."""
+    """Errors of one quantity over the periods, and the fitted slope of their logarithms."""
 
     scene: str
-    what: str
+    quantity: str
     errors: tuple[float, ...]
     order: float
 
     @property
     def holds(self) -> bool:
-        """Whether the order is the stated one, or the error at rounding from the start."""
-        return self.order >= STATED[self.what] - SLACK or max(self.errors) < 1e-10
+        """Whether the order reaches the stated one, or all errors are rounding."""
+        return self.order >= STATED[self.quantity] - MARGIN or max(self.errors) < 1e-10
 
 
 def scenes() -> dict[str, dict[str, Any]]:
-    """Scenes that are smooth over the duration: sliding and turning, each with another extreme."""
+    """Parameters of scenes with smooth motion: sliding and turning, each with another extreme."""
     friction = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 2.0}
     skew = [0.010, 0.001, 0.0005, 0.020, 0.0008, 0.018]
     sleeve: dict[str, Any] = {
@@ -88,7 +89,7 @@ def scenes() -> dict[str, dict[str, Any]]:
         "two free bodies 20:1": pair,
         "two free bodies 1:100": light,
         "two free bodies, held in body axes": {**pair, "wrench": {"hold": "body"}},
-        "sleeve held 60 degrees off": {
+        "sleeve held at 60 degrees": {
             **sleeve,
             "node_b": {"orientation": [0.0, 0.3, 0.4, 0.75**0.5]},
         },
@@ -101,7 +102,10 @@ def scenes() -> dict[str, dict[str, Any]]:
 
 
 def fits(progress: Callable[[int, int], None] | None = None, only: Sequence[str] = ()) -> list[Fit]:
-    """Run every scene, or ``only`` those named, over every period and fit the orders."""
+    """Run all scenes, or ``only`` the named ones, with every period and fit the orders.
+
+    progress: called with (done, all) runs.
+    """
     chosen = {name: values for name, values in scenes().items() if not only or name in only}
     found, done, total = [], 0, len(chosen) * len(PERIODS)
     for name, values in chosen.items():
@@ -120,21 +124,21 @@ def fits(progress: Callable[[int, int], None] | None = None, only: Sequence[str]
 
 
 def closed_loop(values: dict[str, Any], period: float) -> tuple[float, float, float]:
-    """Greatest violation of position and rate and greatest angle between phi and -s+."""
+    """Largest violation of position (m, rad) and rate, and largest angle between phi and -s+."""
     given = {k: v for k, v in values.items() if k != "start"}
     scene = Scene.from_parameters({**given, "period": period})
     p = parameters_of([scene])
     connector = Connector(scene)
     sample = start(p, values["start"])
     past = no_history(1)
-    first = observe(p, sample, past)
+    first = state_of(p, sample, past)
     past = dataclasses.replace(past, axes_b=first.axes_b, start=first.start)
     past = dataclasses.replace(past, started=np.array([True]), target=first.target)
     position, rate, angle = 0.0, 0.0, 0.0
     phi: Array = np.zeros(2)
     steps = round(DURATION / period)
     for k in range(steps + 1):
-        o = observe(p, sample, past)
+        o = state_of(p, sample, past)
         s_now = np.array([o.w[0, 0], p.radius[0] * o.w[0, 3]])
         if k > steps // 10:
             position = max(position, float(np.linalg.norm(o.error)))
@@ -152,7 +156,7 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def start(p: Parameters, how: dict[str, Any]) -> Array:
-    """(1, NSAMPLE): B 0.2 m along the slot, sliding and spinning on A, both turning together."""
+    """(1, NSAMPLE) initial sample: B 0.2 m along the slot, sliding and spinning on a turning A."""
     sample = np.zeros((1, layout.NSAMPLE))
     axes = rigid.matrix(p.axes_a)[0]
     turning = np.array(how["turning"])
@@ -167,7 +171,7 @@ def start(p: Parameters, how: dict[str, Any]) -> Array:
 
 
 def advance(p: Parameters, sample: Array, out: Array, h: float) -> Array:
-    """(1, NSAMPLE) after h under the published wrenches: DOP853, each body by itself."""
+    """(1, NSAMPLE) after h under the published wrenches, each body integrated with DOP853."""
     after = sample.copy()
     for body, at, wrench in (
         (p.a, layout.A_POSE, layout.FORCE_A),
@@ -177,7 +181,7 @@ def advance(p: Parameters, sample: Array, out: Array, h: float) -> Array:
             continue
         m = motion(body, sample, at, at + 7)
         turns = dataclasses.replace(p, held_in_body=np.array([False]))
-        force, torque = received(
+        force, torque = applied_wrench(
             turns, body, m.orientation, m.orientation, out[:, wrench : wrench + 6]
         )
         axes = rigid.matrix(m.orientation)
@@ -196,7 +200,10 @@ def _integrated(
     body: Bodies, m: Motion, g: Array, outer: tuple[Array, Array] | None,
     inner: tuple[Array, Array], h: float,
 ) -> Array:  # fmt: skip
-    """(13,) mass centre, quaternion, velocity and spin after h; inner: the wrench in body axes."""
+    """(13,) mass centre, quaternion, velocity and angular velocity after h.
+
+    outer: force and torque in world axes; None: they are ``inner``, in body axes.
+    """
     from scipy.integrate import solve_ivp
 
     inertia, inverse = body.inertia[0], body.inverse_inertia[0]

@@ -1,4 +1,4 @@
-"""Scenes as columns: one row a parameter set, taken by index for the samples that belong to it."""
+"""Parameters of scenes as arrays: one row per scene, repeated by index for its samples."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Self = TypeVar("Self", bound="Rows")
 
 
 class Rows:
-    """A dataclass of arrays with one row each per sample (or of such dataclasses)."""
+    """Base of dataclasses whose fields are arrays, or such dataclasses, with one row per sample."""
 
     def take(self: Self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
-        """The rows of ``index``, for every column."""
+        """The rows ``index`` of every field."""
         values: dict[str, Any] = {}
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
@@ -33,60 +33,60 @@ class Rows:
 
 @dataclasses.dataclass
 class Bodies(Rows):
-    """One side's bodies. A body of infinite inertia has no mass centre: its origin stands in."""
+    """Bodies of one side. For infinite inertia, the frame's origin replaces the mass centre."""
 
     free: Bools  # (n,)
     inverse_mass: Array  # (n,) 0: infinite
     com: Array  # (n, 3) from the body frame's origin, body axes
     inertia: Array  # (n, 3, 3) about the mass centre
     inverse_inertia: Array  # (n, 3, 3) zeros: infinite
-    node: Array  # (n, 3) the connector's end from the mass centre, body axes
+    node: Array  # (n, 3) connector node from the mass centre, body axes
 
 
 @dataclasses.dataclass
 class Parameters(Rows):
-    """What the laws depend on, SI units."""
+    """Parameters that the laws depend on, SI units."""
 
     h: Array  # (n,) period; 0: from the stamps
     gravity: Array  # (n, 3)
     a: Bodies
     b: Bodies
     axes_a: Array  # (n, 4) node a's axes in body A
-    axes_b: Array  # (n, 4) node b's in body B; NaN: as a's in the reference configuration
+    axes_b: Array  # (n, 4) node b's axes in body B; NaN: equal to a's at the first sample
     hold_offsets: Bools
     hold_misalignment: Bools
     pull_in_speed: Array
     pull_in_rate: Array
-    reference: Array  # (n, 2) l1ref, theta1ref; NaN: the first sample's
+    reference: Array  # (n, 2) l1ref, theta1ref; NaN: values of the first sample
     stiffness: Array  # (n, 2) k1, kr1
     damping: Array  # (n, 2) c1, cr1
-    on: Bools  # friction
+    on: Bools  # whether there is friction
     kinetic: Array
     static: Array
     decay: Array
     cap: Array
-    radius: Array  # 1 where there is no friction
+    radius: Array  # 1 without friction
     overlap: Array
     preload: Array
-    table: Array  # (n,) which of `tables`; -1: none
-    explicit: Bools  # the plant integrates semi-implicitly
+    table: Array  # (n,) index into the tables; -1: none
+    explicit: Bools  # semi-implicit plant
     held_in_body: Bools
     world_axes: Bools
     at_com: Bools
     force_limit: Array
     torque_limit: Array
-    stops: Array  # (n, 2, 2) of slide, of spin: lower and upper; infinite: none
+    stops: Array  # (n, 2, 2) slide and spin: lower and upper stop; infinite: none
     restitution: Array
-    lock: NDArray[np.intp]  # (n,) which component locks; -1: none
-    lock_position: Array  # NaN: no such criterion
+    lock: NDArray[np.intp]  # (n,) component that locks; -1: none
+    lock_position: Array  # NaN: no lock by position
     lock_force: Array
-    gains: Array  # (n, 6) k, kr, c, cr of penalty's constraint, ks, cs of its stick; NaN: none
-    feedback: Array  # (n, 2) baumgarte's alpha, beta
-    command: Array  # (n, 2, 3) of slide, of spin: position, velocity, force; NaN: not imposed
+    gains: Array  # (n, 6) k, kr, c, cr of the penalty constraint, ks, cs of its stick; NaN: none
+    feedback: Array  # (n, 2) alpha, beta of baumgarte
+    command: Array  # (n, 2, 3) slide and spin: position, velocity, force; NaN: not imposed
 
     @property
     def bounded(self) -> Bools:
-        """(n,) whether anything but friction can hold slide or spin."""
+        """(n,) whether a stop, lock or imposed motion can hold slide or spin."""
         stops = np.isfinite(self.stops).any(axis=(1, 2))
         return np.asarray(stops | (self.lock >= 0) | self.imposed.any(axis=1))
 
@@ -98,7 +98,7 @@ class Parameters(Rows):
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A friction coefficient over slip rate and contact force."""
+    """Table of the friction coefficient over slip rate (m/s) and contact force (N)."""
 
     rates: Array
     forces: Array
@@ -117,7 +117,7 @@ def tables_of(scenes: Sequence[Scene]) -> list[Table]:
 
 
 def parameters_of(scenes: Sequence[Scene]) -> Parameters:
-    """The columns of ``scenes``, a row each; ``table`` counts as :func:`tables_of` does."""
+    """Parameters with one row per scene; ``table`` is an index into :func:`tables_of`."""
     friction = [scene.friction for scene in scenes]
     has_table = np.array([f.table is not None for f in friction])
     absent = (math.nan,) * 4
@@ -171,7 +171,7 @@ def _stops(scene: Scene) -> list[list[float]]:
 
 
 def _gains(scene: Scene) -> tuple[float, ...]:
-    """Of penalty and augmented_lagrangian, with their defaults (docs/parameters.md)."""
+    """Gains of penalty and augmented_lagrangian, with their defaults."""
     given, friction = scene.penalty, scene.friction
     radius = 0.0 if math.isnan(friction.radius) else friction.radius
     arm = max(0.5 * friction.overlap, radius)
@@ -227,10 +227,10 @@ def _bodies(bodies: Sequence[Body], nodes: Sequence[tuple[float, ...]]) -> Bodie
 
 
 def world(tensor: Array, axes: Array) -> Array:
-    """(n, 3, 3) tensors given in body axes, in world axes."""
+    """(n, 3, 3) tensors transformed from body axes to world axes."""
     return np.asarray(axes @ tensor @ axes.transpose(0, 2, 1))
 
 
 def with_period(p: Parameters, h: Array) -> Parameters:
-    """The parameters with another period in every row."""
+    """The parameters with the period h (n,), s."""
     return dataclasses.replace(p, h=h)

@@ -1,8 +1,7 @@
-"""minimal offline: the laws of friction at every instant of its dense output, and its momentum.
+"""Laws of the method minimal: friction at every instant of its dense output, and momentum.
 
-The mean of a reaction that turns is shorter than its mean length, so that the laws of friction are
-not those of a mean wrench; they are asked of the motion that the wrench is the mean of. Between
-events it is solved to a tolerance, not stepped: momentum is kept to that tolerance, MOMENTUM.
+The method integrates a whole motion, so its laws are those of an instant and not of a step. Between
+events it integrates to a tolerance, so momentum is constant to that tolerance, MOMENTUM.
 """
 
 from __future__ import annotations
@@ -25,13 +24,18 @@ MOMENTUM = 1e-9
 
 
 def check(scene: Scene) -> tuple[dict[str, Array], float]:
-    """Residuals (n,) by letter, and how far momentum is off: 0 where it is not kept."""
+    """Residuals (INSTANTS,) by law, and the relative change of momentum.
+
+    The change is 0 for scenes whose momentum is not constant.
+    """
     times = np.linspace(0.0, scene.plant.duration, INSTANTS)
     found = solve(scene, times=times)
     p = parameters_of([scene]).take(np.zeros(INSTANTS, dtype=np.intp))
     residuals = _friction(p, scene, found)
-    events = np.isin(times, [event.time for event in found.events])  # an impulse: no finite force
-    residuals = {letter: np.where(events, np.nan, values) for letter, values in residuals.items()}
+    events = np.isin(
+        times, [event.time for event in found.events]
+    )  # an impulse has no finite force
+    residuals = {law: np.where(events, np.nan, values) for law, values in residuals.items()}
     return residuals, _momentum(p, scene, found)
 
 
@@ -52,15 +56,15 @@ def _friction(p: Parameters, scene: Scene, found: Solution) -> dict[str, Array]:
     power = np.maximum(rigid.dot(phi, s), 0.0)
     moving = slips & (rate > 0.0)
     return {
-        "D": np.where(p.on & (sticks | moving), ratio(over, size), np.nan),
-        "S": np.where(moving, worst(ratio(rows, sizes)), np.nan),
-        "K": np.where(sticks, rate, np.nan),
-        "E": np.where(p.on, ratio(power, traction * rate), np.nan),
+        "friction_limit": np.where(p.on & (sticks | moving), ratio(over, size), np.nan),
+        "slip_direction": np.where(moving, worst(ratio(rows, sizes)), np.nan),
+        "stick": np.where(sticks, rate, np.nan),
+        "dissipation": np.where(p.on, ratio(power, traction * rate), np.nan),
     }
 
 
 def _momentum(p: Parameters, scene: Scene, found: Solution) -> float:
-    """The greatest change of linear and angular momentum of two free bodies, by its own size."""
+    """Largest change of linear and angular momentum of two free bodies, relative to its size."""
     loads = (*scene.plant.body_a.load, *scene.plant.body_b.load)
     if any(loads) or any(scene.gravity) or not (p.a.free[0] and p.b.free[0]):
         return 0.0
@@ -73,13 +77,14 @@ def _momentum(p: Parameters, scene: Scene, found: Solution) -> float:
     ):
         m = motion(body, sample, pose, twist)
         linear = m.velocity / body.inverse_mass[:, None]
-        angular = np.cross(m.com, linear) + _spun(body, m)
+        angular = np.cross(m.com, linear) + _angular_momentum(body, m)
         total += np.column_stack([linear, angular])
         size = size + rigid.norm(linear).max() * (1.0 + rigid.norm(m.com).max())
-        size = size + rigid.norm(_spun(body, m)).max()
+        size = size + rigid.norm(_angular_momentum(body, m)).max()
     return float(np.abs(total - total[0]).max() / size)
 
 
-def _spun(body: Bodies, m: Motion) -> Array:
+def _angular_momentum(body: Bodies, m: Motion) -> Array:
+    """(n, 3) angular momentum about the mass centre, world axes."""
     inertia = world(body.inertia, rigid.matrix(m.orientation))
     return rigid.out_of(inertia, m.spin)

@@ -1,9 +1,9 @@
-"""The target of fast turning, from its definition: the end of the step foreseen.
+"""Target rates of a step with fast rotation, by prediction of its end; written independently.
 
-Between TURNS and MOST_TURNS of |w| h, PASSES times over: the end under the wrench for the target so
-far, with f1 and m1 of the last answer, and a step of Newton's method for J(q+) v+ + k e(q+)/h = 0
-from there. Rotations as the plant's are defined: Runge-Kutta-Munthe-Kaas, fourth order, in steps
-of at most a tenth of a radian.
+For |w| h between LEAST_ROTATION and MOST_ROTATION, PASSES times: predict the end of the step under
+the wrench for the present target, with f1 and m1 of the previous output, and take from there one
+Newton step for J(q+) v+ + k e(q+)/h = 0. Rotations are integrated as the plant defines them:
+Runge-Kutta-Munthe-Kaas of fourth order, in steps of at most a tenth of a radian.
 """
 
 from __future__ import annotations
@@ -16,46 +16,46 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.parameters import Bodies, Bools, Parameters, Rows
-from cylconn_ros.laws.sample_state import Motion, Observed, frame, relative, violation
+from cylconn_ros.laws.sample_state import Motion, SampleState, frame, relative, violation
 from cylconn_ros.laws.step import (
-    AVAILABLE,
     CONSTRAINED,
-    MOST_TURNS,
+    FREE,
+    MOST_ROTATION,
     Step,
-    by_wrench,
+    angular_acceleration,
     compliance,
-    euler,
     frozen,
     inverse,
-    pull_in,
-    pulled,
+    pull_in_limits,
+    pull_in_rates,
+    rates_from_wrench,
 )
 
 Array = NDArray[np.float64]
-TURNS = 0.1
-MOST_IN_STEP = 1.5  # rad by which a body may turn under the wrench; beyond, the target so far stays
-PASSES = 3
-GAIN = 5.0
+LEAST_ROTATION = 0.1
+MOST_TURN = 1.5  # rad by which a body may turn under the wrench; beyond, the target stays
+PASSES = 3  # Newton steps
+GAIN = 5.0  # k
 
 
 @dataclasses.dataclass
 class _End(Rows):
-    """The end of a step under a wrench, by the row."""
+    """Predicted end of steps under a wrench."""
 
     rates: Array  # (n, 6) J(q_p) v_p
     rates_size: Array
     error: Array  # (n, 4)
     error_size: Array
-    known: Bools
+    known: Bools  # whether each body turns by less than MOST_TURN
 
 
-def begin(p: Parameters, o: Observed, sample: Array) -> Step:
-    """All that the laws of a step need besides its wrench. sample: (n, NSAMPLE)."""
+def prepare_step(p: Parameters, o: SampleState, sample: Array) -> Step:
+    """The step without its wrench, corrected for fast rotation. sample: (n, NSAMPLE)."""
     s = frozen(p, o, sample)
     rows = np.flatnonzero(is_fast(p, o))
     if not len(rows):
         return s
-    better = foreseen(p.take(rows), o.take(rows), s.take(rows), sample[rows])
+    better = with_predicted_end(p.take(rows), o.take(rows), s.take(rows), sample[rows])
     changed = {}
     for name in ("bracket", "bracket_size", "target", "target_size"):
         changed[name] = getattr(s, name).copy()
@@ -63,17 +63,17 @@ def begin(p: Parameters, o: Observed, sample: Array) -> Step:
     return dataclasses.replace(s, **changed)
 
 
-def is_fast(p: Parameters, o: Observed) -> Bools:
-    """(n,) whether the end of the step is foreseen."""
+def is_fast(p: Parameters, o: SampleState) -> Bools:
+    """(n,) whether the end of the step is predicted."""
     turn = p.h * np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
     possible = ~p.explicit & ~p.held_in_body & (p.a.free | p.b.free)
-    return np.asarray(possible & (turn > TURNS) & (turn < MOST_TURNS))
+    return np.asarray(possible & (turn > LEAST_ROTATION) & (turn < MOST_ROTATION))
 
 
-def foreseen(p: Parameters, o: Observed, s: Step, sample: Array) -> Step:
-    """The step with bracket and target of the end foreseen; every row is to be fast."""
+def with_predicted_end(p: Parameters, o: SampleState, s: Step, sample: Array) -> Step:
+    """The step with bracket and target from its predicted end; for fast rows only."""
     g = compliance(p, s)
-    inner, across = g[:, CONSTRAINED][:, :, CONSTRAINED], g[:, CONSTRAINED][:, :, AVAILABLE]
+    inner, across = g[:, CONSTRAINED][:, :, CONSTRAINED], g[:, CONSTRAINED][:, :, FREE]
     scale = np.sqrt(np.einsum("nii->ni", inner))
     even = inner / (scale[:, :, None] * scale[:, None, :])
     spread = np.abs(inverse(inner))
@@ -81,8 +81,8 @@ def foreseen(p: Parameters, o: Observed, s: Step, sample: Array) -> Step:
     going = np.ones(len(p.h), dtype=np.bool_)
     for _ in range(PASSES):
         wrench, terms = np.zeros((len(p.h), 6)), np.zeros((len(p.h), 6))
-        wrench[:, AVAILABLE] = o.total
-        terms[:, AVAILABLE] = np.abs(o.total)
+        wrench[:, FREE] = o.total
+        terms[:, FREE] = np.abs(o.total)
         needed = (s.target - s.free[:, CONSTRAINED]) / h
         needed -= np.einsum("nij,nj->ni", across, o.total)
         size = (s.target_size + s.free_size[:, CONSTRAINED]) / h
@@ -90,21 +90,21 @@ def foreseen(p: Parameters, o: Observed, s: Step, sample: Array) -> Step:
         wrench[:, CONSTRAINED] = np.linalg.solve(even, (needed / scale)[:, :, None])[:, :, 0]
         wrench[:, CONSTRAINED] /= scale
         terms[:, CONSTRAINED] = np.einsum("nij,nj->ni", spread, size)
-        added, added_size = by_wrench(p, s, wrench, terms)
+        added, added_size = rates_from_wrench(p, s, wrench, terms)
         rates, rates_size = s.free + added, s.free_size + added_size
         rates[:, CONSTRAINED] = s.target
         end = _end(p, o, s, sample, wrench, terms)
         going &= end.known
-        s = _towards(p, o, s, rates, rates_size, end, going)
+        s = _newton_step(p, o, s, rates, rates_size, end, going)
     return s
 
 
-def _towards(
-    p: Parameters, o: Observed, s: Step, rates: Array, size: Array, end: _End, going: Bools
+def _newton_step(
+    p: Parameters, o: SampleState, s: Step, rates: Array, size: Array, end: _End, going: Bools
 ) -> Step:
-    """One step of Newton's method where it is ``going``."""
+    """One Newton step, for the rows in ``going``."""
     away = dataclasses.replace(o, error=end.error, error_size=end.error_size)
-    back, back_size = pulled(away, p.h / GAIN, pull_in(p, o))
+    back, back_size = pull_in_rates(away, p.h / GAIN, pull_in_limits(p, o))
     share, rows = 1.0 / (1.0 + 0.5 * GAIN), going[:, None]
     target = s.target - share * (end.rates[:, CONSTRAINED] - back)
     target_size = s.target_size + share * (end.rates_size[:, CONSTRAINED] + back_size)
@@ -117,7 +117,9 @@ def _towards(
     )
 
 
-def _end(p: Parameters, o: Observed, s: Step, sample: Array, wrench: Array, terms: Array) -> _End:
+def _end(
+    p: Parameters, o: SampleState, s: Step, sample: Array, wrench: Array, terms: Array
+) -> _End:
     force = rigid.out_of(s.frame.axes, wrench[:, :3])
     moment = rigid.out_of(s.frame.untwisted, wrench[:, 3:])
     force_size = rigid.out_of(np.abs(s.frame.axes), terms[:, :3])
@@ -135,7 +137,7 @@ def _end(p: Parameters, o: Observed, s: Step, sample: Array, wrench: Array, term
         torque_size = rigid.cross_size(arm_size, force_size) + moment_size
         torque_size += np.abs(outer[:, 3:]) + rigid.cross_size(lever, outer[:, :3])
         end, turn = _moved(p, body, m, push, force_size + np.abs(outer[:, :3]), torque)
-        known &= turn < MOST_IN_STEP
+        known &= turn < MOST_TURN
         ends.append(end)
         turned = p.h[:, None] * rigid.out_of(np.abs(inverted), torque_size)
         spins.append(np.abs(m.spin) + np.abs(end.spin) + turned)
@@ -152,15 +154,17 @@ def _end(p: Parameters, o: Observed, s: Step, sample: Array, wrench: Array, term
 def _moved(
     p: Parameters, body: Bodies, m: Motion, push: Array, push_size: Array, torque: Array
 ) -> tuple[Motion, Array]:
-    """The motion after h under force and torque about the mass centre; by how much it turns."""
+    """Motion after h under force and torque about the mass centre, and the angle of its turn."""
     h, free = p.h[:, None], body.free[:, None]
     gain = np.where(free, p.gravity + body.inverse_mass[:, None] * push, 0.0)
     gain_size = np.abs(p.gravity) + body.inverse_mass[:, None] * push_size
     gain_size = np.where(free, gain_size, 0.0)
-    rate = euler(body, m.orientation, m.spin, np.abs(m.spin), torque, np.abs(torque))[0]
+    rate = angular_acceleration(
+        body, m.orientation, m.spin, np.abs(m.spin), torque, np.abs(torque)
+    )[0]
     bent = np.where(body.free, 0.5 * p.h * rigid.norm(rate), 0.0)
     turn = p.h * (rigid.norm(m.spin) + bent)
-    q, spin = _turned(p, body, m, torque, np.where(turn < MOST_IN_STEP, turn, 0.0))
+    q, spin = _turned(p, body, m, torque, np.where(turn < MOST_TURN, turn, 0.0))
     still = rigid.turned(m.orientation, h * m.spin)
     end = Motion(
         m.com + h * m.velocity + 0.5 * h * h * gain,
@@ -176,7 +180,7 @@ def _moved(
 def _turned(
     p: Parameters, body: Bodies, m: Motion, torque: Array, turn: Array
 ) -> tuple[Array, Array]:
-    """Orientation and spin after h under a torque held in world axes."""
+    """Orientation and angular velocity after h under a torque constant in world axes."""
     steps = 1 + (10.0 * turn).astype(np.int64)
     dt = (p.h / steps)[:, None]
     q = m.orientation
@@ -203,6 +207,6 @@ def _spin(body: Bodies, q: Array, momentum: Array) -> Array:
 
 
 def _rate(u: Array, w: Array) -> Array:
-    """The rate of the rotation vector u at the spin w, to the fourth order."""
+    """Rate of the rotation vector u for the angular velocity w, to fourth order."""
     across = np.cross(u, w)
     return np.asarray(w - 0.5 * across + np.cross(u, across) / 12.0)

@@ -1,4 +1,4 @@
-"""Chance: a generator for each scene and block, and what is drawn everywhere."""
+"""Seeded random generators, one per scene and block, and common distributions."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Random = np.random.Generator
 
 
 def generator(*seed: int) -> Random:
-    """The generator of a scene or block: the draw's seed, its number, and which part of it."""
+    """Generator of a scene or block. seed: seed of the check, number, and part of the scene."""
     return np.random.default_rng(seed)
 
 
 def decades(rng: Random, low: float, high: float, size: int | None = None) -> Any:
-    """10 to a power uniform between ``low`` and ``high``."""
+    """10 to a power that is uniform between ``low`` and ``high``."""
     return 10.0 ** rng.uniform(low, high, size)
 
 
 def direction(rng: Random, n: int) -> Array:
-    """(n, 3) unit vectors, uniform."""
+    """(n, 3) uniform unit vectors."""
     v = rng.normal(size=(n, 3))
     return v / rigid.norm(v)[:, None]
 
 
 def orientation(rng: Random, n: int) -> Array:
-    """(n, 4) quaternions, uniform."""
+    """(n, 4) uniform unit quaternions."""
     return rigid.normalised(rng.normal(size=(n, 4)))

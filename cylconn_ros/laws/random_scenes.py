@@ -1,12 +1,11 @@
-"""Random scenes and states over extreme scales, every extreme drawn jointly with the others.
+"""Random scenes over extreme scales, with every extreme drawn jointly with the others.
 
-A scene is drawn from its own generator, seeded by (seed, number): any one of them can be made
-again alone. Families steer the draw where a regime would otherwise be rare: nothing is taken away
-from the range of the other quantities.
+Each scene has its own generator, seeded by (seed, number), so it is reproducible alone. Families
+raise the share of rare regimes and do not restrict the range of the other quantities.
 
-One thing is: an arm from a mass centre to the connector is at most FARTHEST least radii of gyration
-k. The inertia that a force meets there holds 1/m beside r^2/I, so that of its sixteen digits
-2 log10(r/k) are lost: at FARTHEST half of them, beyond it nobody's answer means much.
+One range is restricted: an arm from a mass centre to the connector is at most LONGEST_ARM least
+radii of gyration k. The effective inertia there is the sum of 1/m and r^2/I, so 2 log10(r/k) of the
+sixteen digits are lost: half of them at LONGEST_ARM. Longer arms leave no meaningful digits.
 """
 
 from __future__ import annotations
@@ -19,12 +18,11 @@ from numpy.typing import NDArray
 
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.random import Random, decades, direction, generator, orientation
+from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
-FARTHEST = 1e4
-WITHOUT_BOUNDS = ("baumgarte",)
-WITHOUT_INERTIA = ("penalty", "augmented_lagrangian")
+LONGEST_ARM = 1e4
 FAMILIES = ("wide", "sliding", "roots", "wide", "roots", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
@@ -41,7 +39,7 @@ def family(number: int) -> str:
 
 
 def scene(seed: int, number: int, method: str = "impulse") -> Scene:
-    """The scene ``number`` of the draw ``seed``."""
+    """The scene ``number`` for a seed."""
     rng = generator(seed, number)
     kind = family(number)
     mass = decades(rng, -2.0, 2.0)
@@ -58,8 +56,8 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         "gravity": _list(rng.choice([0.0, 1.0, 1.0]) * 9.81 * direction(rng, 1)[0]),
         "body_a": _body(rng, kind_a, mass * ratio_mass, inertia * ratio_inertia),
         "body_b": _body(rng, kind_b, mass, inertia),
-        "node_a": {"position": _far(rng), "orientation": _list(orientation(rng, 1)[0])},
-        "node_b": {"position": _far(rng)},
+        "node_a": {"position": _node_position(rng), "orientation": _list(orientation(rng, 1)[0])},
+        "node_b": {"position": _node_position(rng)},
         "reference": _reference(rng),
         "friction": _friction(rng, kind, weight, arm),
         "wrench": {
@@ -89,9 +87,9 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
     if more.random() < 0.5:
         values["node_b"]["orientation"] = _list(orientation(more, 1)[0])
     reach = _within_reach(values)
-    if method in WITHOUT_INERTIA:
+    if TRAITS[method].uses_gains:
         values["penalty"] = _gains(more, mass, inertia, period)
-    if method in WITHOUT_BOUNDS:
+    if not TRAITS[method].has_limits:
         values["command"] = {name: _force(more, weight) for name in ("slide", "spin")}
     elif more.random() < (0.25 if kind == "roots" else 0.5):
         _bound(more, values, weight, reach)
@@ -99,7 +97,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
 
 
 def _within_reach(values: dict[str, Any]) -> float:
-    """Bring connector, mass centres and gravity within reach; how long the slide may be, m.
+    """Limit node positions, mass centres and gravity; returns the largest slide, m.
 
     Half of the longest arm is for the node from its mass centre and half for the slide.
     """
@@ -110,25 +108,27 @@ def _within_reach(values: dict[str, Any]) -> float:
             continue
         k = math.sqrt(least_moment(given["inertia"]) / given["mass"])
         arm = float(np.linalg.norm(np.subtract(values[node]["position"], given["com"])))
-        share = min(1.0, 0.5 * FARTHEST * k / arm) if arm > 0.0 else 1.0
+        share = min(1.0, 0.5 * LONGEST_ARM * k / arm) if arm > 0.0 else 1.0
         given["com"] = [share * x for x in given["com"]]
         values[node]["position"] = [share * x for x in values[node]["position"]]
-        fall = min(fall, 0.05 * FARTHEST * k)
+        fall = min(fall, 0.05 * LONGEST_ARM * k)
         if body == "body_a":
-            reach = 0.5 * FARTHEST * k
-    way = values["period"] ** 2 * 9.81 / 6.0  # by which weight moves a mass centre's mean
-    values["gravity"] = [min(1.0, fall / way) * x for x in values["gravity"]]
+            reach = 0.5 * LONGEST_ARM * k
+    fallen = (
+        values["period"] ** 2 * 9.81 / 6.0
+    )  # displacement of a mass centre's mean position by gravity
+    values["gravity"] = [min(1.0, fall / fallen) * x for x in values["gravity"]]
     return reach
 
 
 def least_moment(elements: list[float]) -> float:
-    """The least principal moment of an inertia tensor."""
+    """Least principal moment of an inertia tensor, from its six elements."""
     xx, xy, xz, yy, yz, zz = elements
     return float(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0])
 
 
 def _gains(rng: Random, mass: float, inertia: float, period: float) -> dict[str, float]:
-    """A spring and a damper, not all of them stable."""
+    """Stiffness and damping; some are unstable in a closed loop."""
     soft = decades(rng, -4.0, 0.0)
     return {
         "stiffness": float(soft * mass / period**2),
@@ -139,9 +139,9 @@ def _gains(rng: Random, mass: float, inertia: float, period: float) -> dict[str,
 
 
 def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> None:
-    """Stops, a lock, an imposed motion or force: each now and then, and together."""
+    """Add stops, a lock, an imposed motion or force at random, alone or together."""
     stops: dict[str, float] = {}
-    given = "orientation" in values["node_b"]  # the angle begins at 0 where it is not
+    given = "orientation" in values["node_b"]  # otherwise the angle starts at 0
     middle = float(rng.uniform(-3.0, 3.0)) if given else 0.0
     for name, chance, at in (
         ("l", 0.7, min(reach, 10.0) * rng.uniform(-1.0, 1.0) * decades(rng, -3.0, -0.5)),
@@ -149,12 +149,12 @@ def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> 
     ):
         if rng.random() > chance:
             continue
-        room = float(decades(rng, -7.0, 0.5)) * (min(reach, 1.0) if name == "l" else 1.0)
+        distance = float(decades(rng, -7.0, 0.5)) * (min(reach, 1.0) if name == "l" else 1.0)
         which = rng.integers(3)  # lower, upper, both
         if which != 1:
             stops[f"{name}_min"] = float(at)
         if which != 0:
-            stops[f"{name}_max"] = float(at) + room
+            stops[f"{name}_max"] = float(at) + distance
     if stops and rng.random() < 0.8:
         some = (0.0, 1.0, float(rng.random()), float(rng.random()), float(decades(rng, -6.0, 0.0)))
         stops["restitution"] = some[rng.integers(len(some))]
@@ -173,7 +173,7 @@ def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> 
         elif rng.random() < 0.12:
             command[name] = _motion(rng, min(reach, 1.0) if name == "slide" else 1.0)
     values["command"] = command
-    if "reference" in values:  # a constitutive reference has to lie within the stops
+    if "reference" in values:  # a constitutive reference has to be within the stops
         values["reference"].pop("length", None)
         values["reference"].pop("angle", None)
 
@@ -184,7 +184,7 @@ def _force(rng: Random, weight: float) -> dict[str, float]:
 
 def _motion(rng: Random, reach: float) -> dict[str, float]:
     motion: dict[str, float] = {}
-    which = rng.integers(3)  # a place, a rate, a place that moves on
+    which = rng.integers(3)  # position, velocity, or both
     if which != 1:
         motion["position"] = float(rng.normal() * decades(rng, -4.0, 0.0) * reach)
     if which != 0:
@@ -193,7 +193,7 @@ def _motion(rng: Random, reach: float) -> dict[str, float]:
 
 
 def _bind(rng: Random, values: dict[str, Any]) -> None:
-    """Choose the mass centre off node b and the overlap so that friction may bind: c about 1."""
+    """Set mass centre and overlap of B so that friction can bind: coupling c of about 1."""
     body, friction = values["body_b"], values["friction"]
     node = np.array(values["node_b"]["position"])
     arm = direction(rng, 1)[0] * decades(rng, -3.0, 0.5)
@@ -207,7 +207,7 @@ def _list(values: Array) -> list[float]:
     return [float(x) for x in values]
 
 
-def _far(rng: Random) -> list[float]:
+def _node_position(rng: Random) -> list[float]:
     return _list(direction(rng, 1)[0] * decades(rng, -3.0, 0.5) * rng.choice([0.0, 1.0, 1.0]))
 
 
@@ -215,7 +215,7 @@ def _body(rng: Random, kind: str, mass: float, inertia: float) -> dict[str, Any]
     pose = [*_list(rng.normal(size=3)), *_list(orientation(rng, 1)[0])]
     if kind != "free":
         return {"kind": kind, "pose": pose}
-    # squared radii along the principal axes: their pairwise sums are moments that a body can have
+    # squared radii along the principal axes: their pairwise sums are valid principal moments
     spread = decades(rng, -3.0, 0.0, 3) if rng.random() < 0.3 else decades(rng, -0.7, 0.0, 3)
     moments = inertia * (spread.sum() - spread) / (spread.sum())
     axes = rigid.matrix(orientation(rng, 1))[0]

@@ -1,4 +1,4 @@
-"""Random states of random scenes, and the loads on them."""
+"""Random samples of random scenes: poses, twists and loads."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.parameters import Bodies, Bools, Parameters
 from cylconn_ros.laws.random import Random, decades, direction, orientation
-from cylconn_ros.laws.random_scenes import FARTHEST
+from cylconn_ros.laws.random_scenes import LONGEST_ARM
 from cylconn_ros.laws.step import Step
 
 Array = NDArray[np.float64]
 Names = NDArray[np.str_]
-HELD_TILT = math.radians(150.0)  # at most, where what is found is held; else 1 rad, to be pulled in
+HELD_TILT = math.radians(150.0)  # largest held misalignment; 1 rad if it is to be corrected
 
 
 def out_of_reach(p: Parameters, s: Step) -> Bools:
-    """(n,) whether an arm is longer than FARTHEST least radii of gyration, where wrenches act."""
+    """(n,) whether an arm of the wrench exceeds LONGEST_ARM least radii of gyration."""
     found = np.zeros(len(p.h), dtype=np.bool_)
     for body, arm in ((p.a, s.frame.arm_a), (p.b, s.frame.arm_b)):
-        found |= body.free & (rigid.norm(arm) > FARTHEST * _gyration(body))
+        found |= body.free & (rigid.norm(arm) > LONGEST_ARM * _gyration(body))
     return found
 
 
 def _gyration(body: Bodies) -> Array:
-    """(n,) least radii of gyration; infinite where the body is not free."""
+    """(n,) least radii of gyration, m; infinite for a body that is not free."""
     least = np.linalg.eigvalsh(body.inertia)[:, 0] * body.inverse_mass
     return np.where(body.free, np.sqrt(least), np.inf)
 
@@ -36,10 +36,12 @@ def _gyration(body: Bodies) -> Array:
 def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Bools]) -> Array:
     """(n, NSAMPLE) random samples without loads, one for each row of ``p``.
 
-    B stands where the connector lets it, but for a violation, and moves as it may, but for another.
+    Poses and twists satisfy the constraint except for random violations.
 
     Args:
-        family_of: (n,) names of families. fixed: whether A, whether B stands still.
+        family_of: (n,) names of families.
+        fixed: (n,) whether A is fixed, and whether B is.
+
     """
     n = len(p.h)
     sample = np.zeros((n, layout.NSAMPLE))
@@ -53,7 +55,7 @@ def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Boo
     tilt *= np.where(held, HELD_TILT, 1.0)
     v, w = _rates(rng, n, calm)
     length = rng.normal(size=n) * decades(rng, -2.0, 0.5, n)
-    reach = 0.5 * FARTHEST * _gyration(p.a)
+    reach = 0.5 * LONGEST_ARM * _gyration(p.a)
     length = _near(rng, p, 0, np.minimum(reach, 1e3) * np.clip(length / reach, -1.0, 1.0), v[:, 0])
     angle = _near(rng, p, 1, rng.uniform(-math.pi, math.pi, n), w[:, 0])
     swing = rigid.exp(tilt * np.array([0.0, 1.0, 1.0]))
@@ -73,7 +75,7 @@ def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Boo
     spin_b = spin_a + rigid.out_of(untwisted, w)
     speed_b = speed_a + np.cross(spin_a, arm_a) + rigid.out_of(axes, v) - np.cross(spin_b, arm_b)
     at_b = at_a + arm_a - arm_b
-    # seen from a body that stands still
+    # relative to a fixed body
     apart = at_b - at_a
     from_a, from_b = fixed[0][:, None], fixed[1][:, None]
     speed_b = np.where(from_a, speed_b - speed_a - np.cross(spin_a, apart), speed_b)
@@ -87,9 +89,9 @@ def states(rng: Random, p: Parameters, family_of: Names, fixed: tuple[Bools, Boo
     return sample
 
 
-def _near(rng: Random, p: Parameters, k: int, place: Array, rate: Array) -> Array:
-    """(n,) places of component k: mostly a step or so from a stop where there is one."""
-    n = len(place)
+def _near(rng: Random, p: Parameters, k: int, position: Array, rate: Array) -> Array:
+    """(n,) positions of component k; if it has a stop, most are within two steps of it."""
+    n = len(position)
     stops = p.stops[:, k]
     there = np.isfinite(stops)
     upper = np.where(there.all(axis=1), rng.random(n) < 0.5, there[:, 1])
@@ -97,11 +99,11 @@ def _near(rng: Random, p: Parameters, k: int, place: Array, rate: Array) -> Arra
     ahead = np.where(rng.random(n) < 0.8, p.h * np.abs(rate), decades(rng, -9.0, -2.0, n))
     gap = ahead * rng.uniform(-0.1, 2.0, n)
     near = there.any(axis=1) & (rng.random(n) < 0.8)
-    return np.where(near, np.where(near, stop, 0.0) + np.where(upper, -gap, gap), place)
+    return np.where(near, np.where(near, stop, 0.0) + np.where(upper, -gap, gap), position)
 
 
 def put(sample: Array, at: int, position: Array, q: Array, speed: Array, spin: Array) -> None:
-    """Write pose and twist of one body into (n, NSAMPLE)."""
+    """Write pose and twist of one body into the columns from ``at`` of (n, NSAMPLE)."""
     sample[:, at : at + 13] = np.concatenate([position, q, speed, spin], axis=1)
 
 
@@ -110,7 +112,7 @@ def _sometimes(rng: Random, n: int) -> Array:
 
 
 def _rates(rng: Random, n: int, calm: Bools) -> tuple[Array, Array]:
-    """(n, 3) v and w of b against a: slide and spin at will, the others mostly small."""
+    """(n, 3) v and w of b against a: slide and spin over all scales, the others small."""
     wrong = rng.choice([0.0, 1.0, 1.0], n)[:, None] * decades(rng, -9.0, 0.0, n)[:, None]
     wrong = np.where(calm[:, None], 1e-3 * wrong, wrong)
     v, w = wrong * rng.normal(size=(n, 3)), wrong * rng.normal(size=(n, 3))
@@ -123,10 +125,10 @@ def _rates(rng: Random, n: int, calm: Bools) -> tuple[Array, Array]:
 
 
 def load(rng: Random, p: Parameters, sample: Array, family_of: Names) -> None:
-    """Draw the loads of (n, NSAMPLE) samples anew, in place.
+    """Replace the loads of (n, NSAMPLE) samples by random ones, in place.
 
-    In the family ``roots`` the load bends B against the arm of friction about its mass centre:
-    bending then first falls and later grows with friction, which is what gives several solutions.
+    In the family ``roots`` the load bends B against the moment of friction about its mass centre.
+    Bending then decreases and later increases with friction, which leads to several solutions.
     """
     n = len(sample)
     for at, body in ((layout.A_LOAD, p.a), (layout.B_LOAD, p.b)):

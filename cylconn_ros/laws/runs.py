@@ -1,33 +1,48 @@
-"""The samples of a recorded run, with the history that each answer had.
+"""Samples of a recorded or simulated run with their histories, and the check of their laws.
 
-Messages go through the node's own matching, in the order in which they were recorded; states and
-wrenches belong to the sample of their stamp. History follows from the samples and the regimes.
+A recording's messages pass through the synchronizer of the node, in the order in which they were
+recorded. States and wrenches belong to the sample with their stamp. Histories follow from the
+samples and the reported regimes.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.laws import elastic
-from cylconn_ros.laws.bounds import after, bounds
-from cylconn_ros.laws.normalised import Block
+from cylconn_ros.laws import elastic, residuals
+from cylconn_ros.laws.bounds import bounds, next_bounds_history
+from cylconn_ros.laws.guarantees import title
+from cylconn_ros.laws.normalised import TOLERANCE, Block
 from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
-from cylconn_ros.laws.sample_state import History, came_of, jumped, no_history, observe, remember
-from cylconn_ros.recording.run import Run, Table
-from cylconn_ros.recording.samples import matched, vectors
+from cylconn_ros.laws.sample_state import (
+    History,
+    com_motion,
+    next_history,
+    no_history,
+    pose_jumped,
+    state_of,
+)
+from cylconn_ros.laws.summary import LawSummary
+from cylconn_ros.recording.connector_part import refuse_coupled
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.recording.samples import synchronized_samples, vectors
+from cylconn_ros.recording.table import Table
+from cylconn_ros.scene.packing import choose_method
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _BODIES = ("body_a", "body_b")
-_WHOLE = {
+_ENUMS = {
     "regime": layout.REGIME,
     "stop": layout.STOP,
     "lock": layout.LOCK,
@@ -37,26 +52,26 @@ _WHOLE = {
 
 
 @dataclasses.dataclass
-class Recorded:
-    """Answered samples of a run, in histories that begin with their reference configuration."""
+class RunSamples:
+    """Samples of a run with their outputs; each history begins at its reference configuration."""
 
     method: str
     scene: Scene
     sample: Array  # (n, NSAMPLE)
     out: Array  # (n, NOUT)
-    h: Array  # (n,) periods as the connector had them
-    since: Array  # (n,) s since the sample before
-    begins: NDArray[np.bool_]  # (n,) a new history
-    left_out: int  # states without a sample, or whose history is not in the recording
-    why: str
+    h: Array  # (n,) period of each step, s
+    since: Array  # (n,) time since the previous sample, s
+    begins: NDArray[np.bool_]  # (n,) whether a history begins with the sample
+    skipped: int = 0  # states without a sample, or with a history that is not in the recording
+    skip_reason: str = ""
 
     @property
-    def parts(self) -> int:
-        """How many blocks there are."""
+    def histories(self) -> int:
+        """Number of histories, each of which is a block."""
         return int(self.begins.sum())
 
     def blocks(self) -> Iterator[tuple[Block, Index]]:
-        """A block for every history, and the numbers of its samples."""
+        """Each history as a block, with the row numbers of its samples."""
         first = np.flatnonzero(self.begins)
         for low, high in zip(first, [*first[1:], len(self.h)], strict=True):
             yield self._block(int(low), int(high)), np.arange(low, high)
@@ -69,34 +84,109 @@ class Recorded:
         return Block(p, tables_of([self.scene]), sample, out, past)
 
 
+NO_LOADS = (0.0,) * 12
+
+
+def simulated(
+    scene: Scene, method: str, states: Array, outs: Array, loads: Sequence[float] = NO_LOADS
+) -> RunSamples:
+    """Samples of a simulated run from its start.
+
+    Args:
+        states: (n, 26) poses and twists of both bodies.
+        outs: (n, NOUT) outputs of the connector.
+        loads: force (N) and torque (N m) on body A, then on body B, constant over the run.
+
+    """
+    n = len(states)
+    samples = np.zeros((n, layout.NSAMPLE))
+    samples[:, layout.MOTION], samples[:, layout.LOADS] = states, loads
+    begins, periods = np.arange(n) == 0, np.full(n, scene.period)
+    return RunSamples(method, scene, samples, outs, periods, periods, begins)
+
+
+def first_violation(scene: Scene, states: Array, outs: Array) -> str:
+    """The first law that a run violates, with its largest residual; empty if all laws hold.
+
+    Args:
+        scene: the scene of the run, which has no loads; its method's guaranteed laws are checked.
+        states: (n, 26) poses and twists of both bodies.
+        outs: (n, NOUT) outputs of the connector, from the first sample on.
+
+    """
+    method = choose_method(scene)
+    if method not in residuals.RESIDUALS:
+        return ""
+    block, _ = next(simulated(scene, method, states, outs).blocks())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a diverged run overflows
+        found = residuals.check(block, method)
+    for law, values in found.items():
+        worst = float(np.max(values, initial=0.0, where=~np.isnan(values)))
+        if not worst <= TOLERANCE:
+            return f"law {title(law)}: residual {worst:.1e}"
+    return ""
+
+
+def check_recording(
+    path: Path, progress: Callable[[int, int], object], connector: str = ""
+) -> tuple[RunSamples, LawSummary]:
+    """Check the samples of a recorded run.
+
+    Args:
+        path: recorded directory or file.
+        progress: called with (checked, all) histories.
+        connector: name of the connector, if the recording holds several.
+
+    Raises RecordingError if the recording cannot be read, or if no laws are stated for its method,
+    for coupled connectors or for its latency.
+
+    """
+    run = read_run(path, connector)
+    refuse_coupled(run.metadata, connector, "the laws are stated for a single connector")
+    recorded = samples_of(run)
+    if recorded.method not in residuals.RESIDUALS:
+        raise RecordingError(f"{path}: no laws of a sample are stated for method {recorded.method}")
+    if recorded.scene.latency != 0:
+        raise RecordingError(
+            f"{path}: latency = {recorded.scene.latency}: the outputs belong to predicted states, "
+            "which the recording does not contain; laws are stated for latency = 0"
+        )
+    summary = LawSummary()
+    for done, (block, index) in enumerate(recorded.blocks()):
+        summary.add(residuals.check(block, recorded.method), block.out, (index,))
+        progress(done + 1, recorded.histories)
+    return recorded, summary
+
+
 def _history(p: Parameters, one: Parameters, sample: Array, out: Array, since: Array) -> History:
-    """The history before each of the samples of one connector since its start."""
+    """The history before each sample of one connector, from its reference configuration on."""
     n = len(sample)
-    first = remember(one, observe(one, sample[:1], no_history(1)), no_history(1), out[:1])
+    first = next_history(one, state_of(one, sample[:1], no_history(1)), no_history(1), out[:1])
     past = first.take(np.zeros(n, dtype=np.intp))
     past.started[0], past.stuck[0] = False, 0.0
     past.angle[1:], past.spin[1:] = out[:-1, layout.ANGLE], out[:-1, layout.ANGULAR_VELOCITY]
     past.period[1:], past.period[0] = since[1:], 0.0
     past.total[1:], past.total[0] = out[:-1, [layout.FORCE, layout.MOMENT]], 0.0
     stick = out[:, layout.REGIME] == layout.STICK
-    o = observe(p, sample, past)
-    past.came[1:] = came_of(o.a, o.b)[:-1]
-    jumps = jumped(p, o.a, o.b, past)
+    o = state_of(p, sample, past)
+    past.last_motion[1:] = com_motion(o.a, o.b)[:-1]
+    jumps = pose_jumped(p, o.a, o.b, past)
     for k in range(1, n):
         before = min(past.stuck[k - 1], 1.0) if jumps[k - 1] else past.stuck[k - 1]
         past.stuck[k] = before + 1.0 if stick[k - 1] else 0.0
-    for k in range(1, n):  # the place that stick holds is that of its second sample, or of a jump
-        past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else o.place[k]
+    for k in range(1, n):  # stick holds the position of its second sample, or of a pose jump
+        past.held[k] = past.held[k - 1] if past.stuck[k] > 1.0 else o.position[k]
         if past.stuck[k] > 1.0 and (past.stuck[k - 1] == 1.0 or jumps[k - 1]):
-            past.held[k] = o.place[k - 1]
+            past.held[k] = o.position[k - 1]
     if not np.isnan(one.gains[0, 4]):
-        _stretched(p, sample, out, past)
-    return _bounded(p, sample, out, past) if one.bounded[0] else past
+        _set_elastic_slip(p, sample, out, past)
+    return _with_bounds(p, sample, out, past) if one.bounded[0] else past
 
 
-def _stretched(p: Parameters, sample: Array, out: Array, past: History) -> None:
-    """Put the elastic slip of a penalty method's stick into ``past``."""
-    s, s_size = elastic.slip_of_sample(p, observe(p, sample, past))
+def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -> None:
+    """Fill in the elastic slip of a penalty method's stick, in place."""
+    s, s_size = elastic.slip_of_sample(p, state_of(p, sample, past))
     spring = np.abs(elastic.friction(p, out)) / p.gains[:, 4][:, None]
     slipped = -np.sign(elastic.friction(p, out)) * spring
     slips = out[:, layout.REGIME] == layout.SLIP
@@ -108,17 +198,17 @@ def _stretched(p: Parameters, sample: Array, out: Array, past: History) -> None:
         past.elastic_size[k] = spring[k - 1] if slips[k - 1] else size
 
 
-def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History:
-    """``past`` with what stops, locks and imposed motion remember, one sample after the other."""
-    o = observe(p, sample, past)
+def _with_bounds(p: Parameters, sample: Array, out: Array, past: History) -> History:
+    """``past`` with the history of stops, locks and imposed motion, sample by sample."""
+    o = state_of(p, sample, past)
     reported = out[:, layout.RESTITUTION]
     last = past.take(np.zeros(1, dtype=np.intp))
     names = (
         "pending",
-        "leaving",
+        "leaving_rate",
         "leaving_size",
-        "bounce",
-        "unsure",
+        "pending_restitution",
+        "ambiguous",
         "locked",
         "locked_at",
         "lock_last",
@@ -129,15 +219,16 @@ def _bounded(p: Parameters, sample: Array, out: Array, past: History) -> History
         here = dataclasses.replace(past.take(row), **{name: getattr(last, name) for name in names})
         for name in names:
             getattr(past, name)[k] = getattr(last, name)[0]
-        of, seen = p.take(row), o.take(row)
-        last = after(of, seen, here, bounds(of, seen, here, reported[row]), out[row])
+        of, state = p.take(row), o.take(row)
+        step_bounds = bounds(of, state, here, reported[row])
+        last = next_bounds_history(of, state, here, step_bounds, out[row])
     return past
 
 
-def samples_of(run: Run) -> Recorded:
-    """Match the inputs of a run with its answers.
+def samples_of(run: Run) -> RunSamples:
+    """Combine the inputs of a recorded run with its outputs.
 
-    Raises RecordingError where parameters, inputs or states are missing.
+    Raises RecordingError if parameters, inputs or states are missing.
     """
     if not run.parameters:
         raise RecordingError(f"{run.path}: no parameters were stored with the run")
@@ -145,72 +236,72 @@ def samples_of(run: Run) -> Recorded:
     state = run.state
     if not len(state):
         raise RecordingError(f"{run.path}: no state was recorded")
-    answers = _answers(run, state)
-    samples, outs, periods, gaps, begins = [], [], [], [], []
-    known, left_out = False, 0
-    why = "the recording begins after the reference configuration, which the laws need"
+    outputs = _outputs(run, state)
+    samples, outs, periods, since, begins = [], [], [], [], []
+    known, skipped = False, 0
     exchanged = 0.0
     history = 0
-    for stamp, h, restarted, sample in matched(run, scene):
+    for stamp, h, restarted, sample in synchronized_samples(run, scene):
         history += restarted
-        out = answers.pop((history, stamp), None)
+        out = outputs.pop((history, stamp), None)
         if out is None or out[layout.STATUS] != layout.OK:
             continue
-        fresh = out[layout.DISPLACEMENT] == 0.0 and out[layout.ROTATION] == 0.0
-        again = restarted or out[layout.ENERGY_EXCHANGED] < exchanged or not known
+        at_reference = out[layout.DISPLACEMENT] == 0.0 and out[layout.ROTATION] == 0.0
+        new = restarted or out[layout.ENERGY_EXCHANGED] < exchanged or not known
         exchanged = out[layout.ENERGY_EXCHANGED]
-        if again:
-            known = bool(fresh)
+        if new:
+            known = bool(at_reference)
         if not known:
-            left_out += 1
+            skipped += 1
             continue
         samples.append(sample)
         outs.append(out)
         periods.append(scene.period or h)
-        gaps.append(h or periods[-1])
-        begins.append(again)
-    refused = sum(out[layout.STATUS] != layout.OK for out in answers.values())
-    left_out += len(answers) - int(refused)
-    return Recorded(
+        since.append(h or periods[-1])
+        begins.append(new)
+    refused = sum(out[layout.STATUS] != layout.OK for out in outputs.values())
+    skipped += len(outputs) - int(refused)
+    return RunSamples(
         str(state["method"][0]),
         scene,
         np.array(samples).reshape(-1, layout.NSAMPLE),
         np.array(outs).reshape(-1, layout.NOUT),
         np.array(periods),
-        np.array(gaps),
+        np.array(since),
         np.array(begins, dtype=np.bool_),
-        left_out,
-        why,
+        skipped,
+        "the recording begins after the reference configuration, which the laws need",
     )
 
 
 Key = tuple[int, int]
-"""A sample of a run: how many histories were before its own, and its stamp, ns."""
+"""Identifies a sample of a run: number of earlier histories, and stamp (ns)."""
 
 
-def _keys(stamps: NDArray[np.int64]) -> list[Key]:
-    """The samples that messages belong to: a new history begins where stamps go back.
+def sample_keys(stamps: NDArray[np.int64]) -> list[Key]:
+    """Keys of the samples to which messages with these stamps belong.
 
-    A zero wrench for samples that have stopped is one nanosecond newer than the last of them.
+    A stamp before its predecessor begins a new history. The zero wrench after an input timeout is
+    stamped one nanosecond after the last sample and does not.
     """
     histories = np.concatenate([[0], np.cumsum(np.diff(stamps) < -1)])[: len(stamps)]
     return list(zip(histories.tolist(), stamps.tolist(), strict=True))
 
 
-def _answers(run: Run, state: Table) -> dict[Key, Array]:
-    """OUT of every sample."""
+def _outputs(run: Run, state: Table) -> dict[Key, Array]:
+    """The output array (NOUT,) of each recorded state, with its wrenches."""
     n = len(state)
     out = np.zeros((n, layout.NOUT))
     for name, width in layout.STATE_FIELDS:
         at = layout.STATE_INDEX[name]
         out[:, at : at + width] = np.asarray(state[name]).reshape(n, width)
-    for name, at in _WHOLE.items():
+    for name, at in _ENUMS.items():
         out[:, at] = state[name]
-    rows = {key: row for row, key in enumerate(_keys(state.stamp))}
+    rows = {key: row for row, key in enumerate(sample_keys(state.stamp))}
     for body, at in zip(_BODIES, (layout.FORCE_A, layout.FORCE_B), strict=True):
         table = run.table(run.topic(f"{body}/wrench"))
         values = vectors(table, ("wrench.force", "wrench.torque"))
-        for key, wrench in zip(_keys(table.stamp), values, strict=True):
+        for key, wrench in zip(sample_keys(table.stamp), values, strict=True):
             row = rows.get(key)
             if row is not None:
                 out[row, at : at + 6] = wrench

@@ -1,8 +1,8 @@
-"""What a sample says, and what the connector may remember of the earlier ones.
+"""Relative kinematics of a sample and the history that a connector keeps, written independently.
 
-The relative twist of b against a at node b is written w = (v1 v2 v3 w1 w2 w3), linear in the axes
-of a, E, angular in those that the held swing S turns these to, N = E S. Every
-quantity that a law sums up comes with its size: the sum of the absolute values of its terms.
+The relative twist of b against a at node b is w = (v1 v2 v3 w1 w2 w3). Its linear part is in the
+axes of a, E. Its angular part is in the axes N = E S, with S the held swing. Every quantity that
+enters a law comes with its size: the sum of the absolute values of its terms.
 """
 
 import dataclasses
@@ -16,39 +16,39 @@ from cylconn_ros.laws.parameters import Bodies, Bools, Parameters, Rows
 
 Array = NDArray[np.float64]
 
-UNEXPLAINED = 0.08  # share of the squares of a motion seen and told by which they may differ
+JUMP_TOLERANCE = 0.08  # of the sum of the squared displacements measured and predicted
 
 
 @dataclasses.dataclass
 class History(Rows):
-    """What is known of the samples before: one row a connector."""
+    """State kept from the previous samples, one row per connector."""
 
     started: Bools
     target: Array  # (n, 4) of y, z and both swings
     axes_b: Array  # (n, 4) node b's axes in body B
     start: Array  # (n, 2) length and angle of the reference configuration
-    stuck: Array  # (n,) stuck samples in a row, up to the last one
-    held: Array  # (n, 2) the place that stick holds
-    angle: Array  # (n,) the last angle, its rate and the period it was followed by
+    stuck: Array  # (n,) consecutive stuck samples, up to the previous one
+    held: Array  # (n, 2) position that stick holds
+    angle: Array  # (n,) previous angle; its rate and the period after it follow
     spin: Array
     period: Array
-    pending: Array  # (n, 2) the side of an impact that has its second step to come: -1, 1; 0: none
-    leaving: Array  # (n, 2) the rate that it leaves with
+    pending: Array  # (n, 2) side (-1, 1) of an impact whose second step is due; 0: none
+    leaving_rate: Array  # (n, 2) rate after that impact
     leaving_size: Array
-    bounce: Array  # (n,) its coefficient
-    unsure: Bools  # whether there is one could not be known
+    pending_restitution: Array  # (n,) coefficient of that impact
+    ambiguous: Bools  # rounding decides whether an impact is pending
     locked: Bools
     locked_at: Array
-    lock_last: Array  # (n,) where the component that may lock was
-    total: Array  # (n, 2) f1, m1 of the last answer
-    imposed_at: Array  # (n, 2) where imposed motions have got to
-    elastic: Array  # (n, 2) the elastic slip of a penalty method's stick, and its size
+    lock_last: Array  # (n,) previous position of the component that can lock
+    total: Array  # (n, 2) f1, m1 of the previous output
+    imposed_at: Array  # (n, 2) current position of imposed motions
+    elastic: Array  # (n, 2) elastic slip of a penalty method's stick; its size follows
     elastic_size: Array
-    came: Array  # (n, 12) mass centre and its velocity, of A and of B
+    last_motion: Array  # (n, 12) mass centre and its velocity, for A and for B
 
 
 def no_history(n: int) -> History:
-    """Connectors that have seen nothing yet."""
+    """History of n connectors before their first sample."""
     return History(
         started=np.zeros(n, dtype=np.bool_),
         target=np.zeros((n, 4)),
@@ -60,10 +60,10 @@ def no_history(n: int) -> History:
         spin=np.zeros(n),
         period=np.zeros(n),
         pending=np.zeros((n, 2)),
-        leaving=np.zeros((n, 2)),
+        leaving_rate=np.zeros((n, 2)),
         leaving_size=np.zeros((n, 2)),
-        bounce=np.zeros(n),
-        unsure=np.zeros(n, dtype=np.bool_),
+        pending_restitution=np.zeros(n),
+        ambiguous=np.zeros(n, dtype=np.bool_),
         locked=np.zeros(n, dtype=np.bool_),
         locked_at=np.zeros(n),
         lock_last=np.zeros(n),
@@ -71,13 +71,13 @@ def no_history(n: int) -> History:
         imposed_at=np.zeros((n, 2)),
         elastic=np.zeros((n, 2)),
         elastic_size=np.zeros((n, 2)),
-        came=np.zeros((n, 12)),
+        last_motion=np.zeros((n, 12)),
     )
 
 
 @dataclasses.dataclass
 class Motion(Rows):
-    """Where bodies are and how they move, at their mass centres, world axes."""
+    """Position and velocity of bodies at their mass centres, world axes."""
 
     com: Array
     orientation: Array
@@ -89,7 +89,7 @@ class Motion(Rows):
 
 @dataclasses.dataclass
 class Frame(Rows):
-    """The connector in one configuration: axes, and node b from both mass centres."""
+    """Connector frame in one configuration: axes, and node b from both mass centres."""
 
     axes: Array  # (n, 3, 3) E
     untwisted: Array  # (n, 3, 3) N
@@ -100,30 +100,30 @@ class Frame(Rows):
 
 
 @dataclasses.dataclass
-class Observed(Rows):
-    """A sample in the connector's own quantities."""
+class SampleState(Rows):
+    """Relative kinematics of samples, and the part of the history that the laws use."""
 
     a: Motion
     b: Motion
     frame: Frame
     w: Array  # (n, 6) w-
     w_size: Array
-    place: Array  # (n, 2) l and the angle
-    place_size: Array
-    error: Array  # (n, 4) of y, z less their targets, and the swing from S, in N
+    position: Array  # (n, 2) l and the angle
+    position_size: Array
+    error: Array  # (n, 4) y and z minus their targets, and the swing from S, in N
     error_size: Array
     target: Array  # (n, 4) of y, z and both swings
-    swing: Array  # (n, 4) S as a quaternion: takes e1a to where e1b is held
+    swing: Array  # (n, 4) S as a quaternion: turns e1a to the held direction of e1b
     axes_b: Array  # (n, 4) node b's axes in body B
-    total: Array  # (n, 2) f1, m1 of the last answer
-    held: Array  # (n, 2) the place that stick holds, here or before
-    holding: Bools  # stuck at the last sample: a place is held
-    new_hold: Bools  # here: nothing to bring back yet
+    total: Array  # (n, 2) f1, m1 of the previous output
+    held: Array  # (n, 2) position that stick holds, here or before
+    holding: Bools  # stuck at the previous sample: a position is held
+    new_hold: Bools  # the held position is that of this sample
     start: Array  # (n, 2) length and angle of the reference configuration
 
 
 def motion(body: Bodies, sample: Array, pose: int, twist: int) -> Motion:
-    """The motion of the mass centres."""
+    """Motion of the mass centres. pose, twist: first columns in the sample."""
     q = rigid.normalised(sample[:, pose + 3 : pose + 7])
     spin = sample[:, twist + 3 : twist + 6]
     arm = rigid.out_of(rigid.matrix(q), body.com)
@@ -139,13 +139,13 @@ def motion(body: Bodies, sample: Array, pose: int, twist: int) -> Motion:
 
 
 def held_swing(target: Array) -> Array:
-    """(n, 4) S as a quaternion, of targets (n, 4): the swing against the vector from e1b to e1a."""
+    """(n, 4) S as a quaternion, from targets (n, 4), whose vectors turn e1b to e1a."""
     none = np.zeros((len(target), 1))
     return rigid.exp(np.concatenate([none, -target[:, 2:]], axis=1))
 
 
 def frame(p: Parameters, a: Motion, b: Motion, swing: Array) -> Frame:
-    """The connector's frame; the wrench acts at node b on both bodies."""
+    """Connector frame; the wrench acts at node b on both bodies."""
     arm_b = rigid.out_of(rigid.matrix(b.orientation), p.b.node)
     axes = rigid.matrix(rigid.multiply(a.orientation, p.axes_a))
     turned = rigid.matrix(rigid.multiply(rigid.multiply(a.orientation, p.axes_a), swing))
@@ -154,7 +154,7 @@ def frame(p: Parameters, a: Motion, b: Motion, swing: Array) -> Frame:
 
 
 def relative(f: Frame, va: Array, wa: Array, vb: Array, wb: Array) -> tuple[Array, Array]:
-    """J (v, w of A, v, w of B): (n, 6) and its size, down to the single products."""
+    """(n, 6) J applied to linear and angular velocities of A and B, and its size."""
     linear = vb - va + np.cross(wb, f.arm_b) - np.cross(wa, f.arm_a)
     linear_size = np.abs(vb) + np.abs(va)
     linear_size += rigid.cross_size(wb, f.arm_b_size) + rigid.cross_size(wa, f.arm_a_size)
@@ -164,63 +164,63 @@ def relative(f: Frame, va: Array, wa: Array, vb: Array, wb: Array) -> tuple[Arra
     return np.concatenate(total, axis=1), np.concatenate(size, axis=1)
 
 
-def observe(p: Parameters, sample: Array, past: History) -> Observed:
-    """Look at one sample (n, NSAMPLE) of n connectors."""
+def state_of(p: Parameters, sample: Array, past: History) -> SampleState:
+    """Relative kinematics of one sample (n, NSAMPLE) of n connectors."""
     a = motion(p.a, sample, layout.A_POSE, layout.A_TWIST)
     b = motion(p.b, sample, layout.B_POSE, layout.B_TWIST)
-    seen = rigid.multiply(
+    relative_turn = rigid.multiply(
         rigid.conjugate(rigid.multiply(a.orientation, p.axes_a)),
         rigid.multiply(b.orientation, _axes_b(p, a, b, past)),
     )
-    first = np.where(p.hold_misalignment[:, None], rigid.swing(seen), 0.0)
+    first = np.where(p.hold_misalignment[:, None], rigid.swing(relative_turn), 0.0)
     swings = np.where(past.started[:, None], past.target[:, 2:], first)
     swing = held_swing(np.concatenate([np.zeros_like(swings), swings], axis=1))
     f = frame(p, a, b, swing)
     w, _ = relative(f, a.velocity, a.spin, b.velocity, b.spin)
     _, w_size = relative(f, a.velocity_size, a.spin, b.velocity_size, b.spin)
     d, far = _position(p, a, f)
-    rest = rigid.multiply(rigid.conjugate(swing), seen)  # what is left of b's orientation from S on
+    rest = rigid.multiply(rigid.conjugate(swing), relative_turn)  # orientation of b from S on
     angle = rigid.twist_angle(rest)
     predicted = past.angle + 0.5 * past.period * (past.spin + w[:, 3])
     turns = np.floor((predicted - angle) / (2.0 * np.pi) + 0.5)
     angle = np.where(past.started, angle + 2.0 * np.pi * turns, angle)
-    place = np.stack([d[:, 0], angle], axis=1)
+    position = np.stack([d[:, 0], angle], axis=1)
     offsets = np.where(p.hold_offsets[:, None], d[:, 1:], 0.0)
     offsets = np.where(past.started[:, None], past.target[:, :2], offsets)
     target = np.concatenate([offsets, swings], axis=1)
     error = np.concatenate([d[:, 1:] - offsets, -rigid.swing(rest)], axis=1)
     ones = np.ones((len(sample), 2))
-    new_hold = (past.stuck <= 1.0) | ~past.started | jumped(p, a, b, past)
-    return Observed(
+    new_hold = (past.stuck <= 1.0) | ~past.started | pose_jumped(p, a, b, past)
+    return SampleState(
         a=a,
         b=b,
         frame=f,
         w=w,
         w_size=w_size,
-        place=place,
-        place_size=np.stack([far[:, 0], 1.0 + np.abs(angle)], axis=1),
+        position=position,
+        position_size=np.stack([far[:, 0], 1.0 + np.abs(angle)], axis=1),
         error=error,
         error_size=np.concatenate([far[:, 1:], 2.0 * ones], axis=1) + np.abs(target),
         target=target,
         swing=swing,
         axes_b=_axes_b(p, a, b, past),
         total=past.total,
-        held=np.where(new_hold[:, None], place, past.held),
+        held=np.where(new_hold[:, None], position, past.held),
         holding=past.stuck >= 1.0,
         new_hold=new_hold,
-        start=np.where(past.started[:, None], past.start, place),
+        start=np.where(past.started[:, None], past.start, position),
     )
 
 
-def jumped(p: Parameters, a: Motion, b: Motion, past: History) -> Bools:
-    """(n,) whether a body is where its twists do not lead: what sticks holds another place then."""
-    found, gap = np.zeros(len(past.period), dtype=np.bool_), past.period[:, None]
+def pose_jumped(p: Parameters, a: Motion, b: Motion, past: History) -> Bools:
+    """(n,) whether a pose differs from the integrated twist: stick then holds the new position."""
+    found, dt = np.zeros(len(past.period), dtype=np.bool_), past.period[:, None]
     for m, at in ((a, 0), (b, 6)):
-        moved, told = m.com - past.came[:, at : at + 3], gap * m.velocity
-        mean = 0.5 * gap * (past.came[:, at + 3 : at + 6] + m.velocity)
-        apart = np.minimum(_square(moved - told), _square(moved - mean))
+        moved, expected = m.com - past.last_motion[:, at : at + 3], dt * m.velocity
+        mean = 0.5 * dt * (past.last_motion[:, at + 3 : at + 6] + m.velocity)
+        error = np.minimum(_square(moved - expected), _square(moved - mean))
         least = p.pull_in_speed * past.period
-        found |= apart > UNEXPLAINED * (_square(moved) + _square(told)) + least**2
+        found |= error > JUMP_TOLERANCE * (_square(moved) + _square(expected)) + least**2
     return np.asarray(found & past.started)
 
 
@@ -228,8 +228,8 @@ def _square(v: Array) -> Array:
     return np.asarray(np.sum(v * v, axis=1))
 
 
-def came_of(a: Motion, b: Motion) -> Array:
-    """(n, 12) what a history keeps of motions."""
+def com_motion(a: Motion, b: Motion) -> Array:
+    """(n, 12) mass centre and velocity of A and of B, for the history."""
     return np.concatenate([a.com, a.velocity, b.com, b.velocity], axis=1)
 
 
@@ -239,8 +239,8 @@ def _position(p: Parameters, a: Motion, f: Frame) -> tuple[Array, Array]:
     return d, rigid.into(np.abs(f.axes), f.arm_a_size)
 
 
-def violation(p: Parameters, a: Motion, b: Motion, f: Frame, o: Observed) -> tuple[Array, Array]:
-    """(n, 4) the constraint's error in another place than that of ``o``, and its size."""
+def violation(p: Parameters, a: Motion, b: Motion, f: Frame, o: SampleState) -> tuple[Array, Array]:
+    """(n, 4) constraint error in another configuration than that of ``o``, and its size."""
     d, far = _position(p, a, f)
     axes = rigid.multiply(rigid.multiply(a.orientation, p.axes_a), o.swing)
     rest = rigid.multiply(rigid.conjugate(axes), rigid.multiply(b.orientation, o.axes_b))
@@ -250,7 +250,7 @@ def violation(p: Parameters, a: Motion, b: Motion, f: Frame, o: Observed) -> tup
 
 
 def _axes_b(p: Parameters, a: Motion, b: Motion, past: History) -> Array:
-    """Node b's axes in body B: given, or as node a's in the reference configuration."""
+    """(n, 4) node b's axes in body B: given, or equal to node a's at the first sample."""
     aligned = rigid.normalised(
         rigid.multiply(rigid.conjugate(b.orientation), rigid.multiply(a.orientation, p.axes_a))
     )
@@ -258,10 +258,10 @@ def _axes_b(p: Parameters, a: Motion, b: Motion, past: History) -> Array:
     return np.asarray(np.where(past.started[:, None], past.axes_b, first))
 
 
-def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
-    """The history after the sample ``o`` was answered by ``out`` (n, NOUT).
+def next_history(p: Parameters, o: SampleState, past: History, out: Array) -> History:
+    """History after the samples ``o`` with outputs ``out`` (n, NOUT).
 
-    What bounds on slide and spin remember is not in it yet: :func:`cylconn_ros.laws.bounds.after`.
+    :func:`cylconn_ros.laws.bounds.next_bounds_history` adds the history of the bounds.
     """
     stick, one = out[:, layout.REGIME] == layout.STICK, np.minimum(past.stuck, 1.0)
     return dataclasses.replace(
@@ -271,9 +271,9 @@ def remember(p: Parameters, o: Observed, past: History, out: Array) -> History:
         axes_b=o.axes_b,
         start=o.start,
         stuck=np.where(stick, np.where(o.new_hold, one, past.stuck) + 1.0, 0.0),
-        came=came_of(o.a, o.b),
+        last_motion=com_motion(o.a, o.b),
         held=o.held,
-        angle=o.place[:, 1],
+        angle=o.position[:, 1],
         spin=o.w[:, 3],
         period=p.h,
         total=out[:, [layout.FORCE, layout.MOMENT]],

@@ -1,7 +1,8 @@
-"""D, S, K, E and T: the laws of friction, from the reported friction and the wrench's own end.
+"""Laws of friction: friction limit, slip direction, stick, dissipation and slip averaging.
 
-An answer does not say its theta, which tells the slip velocity s~ that friction opposes: it is the
-one for which the laws hold, 1 where they hold for both.
+They compare the reported friction with the slip velocities that the reported wrench leads to.
+Friction opposes s~(theta) = (1 - theta) s- + theta s+, with theta = 1/2 or 1. An output does not
+report theta: the check takes the one for which the laws hold, and 1 if they hold for both.
 """
 
 from __future__ import annotations
@@ -16,88 +17,96 @@ from cylconn_ros.laws import rigid
 from cylconn_ros.laws.friction import coefficient, contact, limit, slopes
 from cylconn_ros.laws.normalised import TOLERANCE, Block, ratio, worst
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows
-from cylconn_ros.laws.sample_state import Observed
-from cylconn_ros.laws.step import AVAILABLE, Step
+from cylconn_ros.laws.sample_state import SampleState
+from cylconn_ros.laws.step import FREE, Step
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass
-class Slip:
-    """The slip velocities that friction is about, s = (v1, R w1), and their sizes."""
+class SlipVelocities:
+    """Slip velocities s = (v1, R w1), m/s, and their sizes."""
 
     before: Array  # (n, 2) s-
     before_size: Array
-    end: Array  # (n, 2) s+, with what stick adds to hold its place
+    end: Array  # (n, 2) s+, with the rates by which stick returns to its position
     end_size: Array
 
     def mean(self, theta: float) -> tuple[Array, Array]:
-        """s~(theta) and its size."""
+        """(n, 2) s~(theta) and its size."""
         size = (1.0 - theta) * self.before_size + theta * self.end_size
         return (1.0 - theta) * self.before + theta * self.end, size
 
 
-def slip_of(p: Parameters, o: Observed, s: Step, end: Array, size: Array) -> Slip:
-    """Slip velocities at the sample and at the end of the step, as the constraint's are."""
+def slip_velocities(
+    p: Parameters, o: SampleState, s: Step, end: Array, size: Array
+) -> SlipVelocities:
+    """Slip velocities at the sample and at the end of the step.
+
+    end: (n, 6) J~ v+, and its size.
+    """
     unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
-    carried = s.bracket[:, AVAILABLE] + s.hold
-    carried_size = s.bracket_size[:, AVAILABLE] + s.hold_size
-    return Slip(
-        unit * o.w[:, AVAILABLE],
-        unit * o.w_size[:, AVAILABLE],
-        unit * (end[:, AVAILABLE] + carried),
-        unit * (size[:, AVAILABLE] + carried_size),
+    carried = s.bracket[:, FREE] + s.hold
+    carried_size = s.bracket_size[:, FREE] + s.hold_size
+    return SlipVelocities(
+        unit * o.w[:, FREE],
+        unit * o.w_size[:, FREE],
+        unit * (end[:, FREE] + carried),
+        unit * (size[:, FREE] + carried_size),
     )
 
 
 @dataclasses.dataclass
-class _Law(Rows):
-    """The law of slip for one theta."""
+class _SlipResiduals(Rows):
+    """Residuals (n,) of the laws of slip for one theta."""
 
-    off: Array  # S
-    over: Array  # | |phi| - limit |, by mu FN: P = mu FN on slip
-    feeding: Array  # E
+    direction: Array  # |s~| phi + r s~ = 0
+    limit: Array  # |phi| = mu FN
+    power: Array  # phi.s~ <= 0
 
 
 def friction_laws(
-    block: Block, o: Observed, s: Step, end: Array, end_size: Array, reactions: Array
+    block: Block, o: SampleState, s: Step, end: Array, end_size: Array, reactions: Array
 ) -> dict[str, Array]:
-    """Residuals (n,) of D, S, K, E and T.
+    """Residuals (n,) of the five laws of friction.
 
-    end: (n, 6) J~ v+, and its size; reactions: (n, 4) the sizes of f2, f3, m2, m3.
+    end: (n, 6) J~ v+, and its size; reactions: (n, 4) sizes of f2, f3, m2, m3.
     """
     p, out = block.parameters, block.out
-    slip = slip_of(p, o, s, end, end_size)
+    slip = slip_velocities(p, o, s, end, end_size)
     sticks, slips = out[:, layout.REGIME] == layout.STICK, out[:, layout.REGIME] == layout.SLIP
-    f = friction_of(block, reactions)
+    f = reported_friction(block, reactions)
     half, full = (_slipping(block, f, *slip.mean(theta)) for theta in (0.5, 1.0))
-    one, other = np.maximum(half.off, half.over), np.maximum(full.off, full.over)
+    half_off, full_off = (
+        np.maximum(half.direction, half.limit),
+        np.maximum(full.direction, full.limit),
+    )
     too_far = _turned_too_far(slip)
-    turning = slips & (one < other) & ((other > TOLERANCE) | (too_far == 0.0))
-    said = np.where(p.on == (out[:, layout.REGIME] != layout.FRICTIONLESS), 0.0, np.inf)
-    disc = np.where(slips, np.where(turning, half.over, full.over), said)
-    feeding = np.where(turning, half.feeding, full.feeding)
+    averaged = slips & (half_off < full_off) & ((full_off > TOLERANCE) | (too_far == 0.0))
+    no_friction = np.where(p.on == (out[:, layout.REGIME] != layout.FRICTIONLESS), 0.0, np.inf)
+    over = np.where(slips, np.where(averaged, half.limit, full.limit), no_friction)
+    power = np.where(averaged, half.power, full.power)
     return {
-        "D": np.where(sticks, _resting(block, f), disc),
-        "S": _only(slips, np.where(turning, half.off, full.off)),
-        "K": _only(sticks, worst(ratio(slip.end, slip.end_size))),
-        "E": _only(p.on, np.where(sticks, 0.0, feeding)),
-        "T": _only(turning, too_far),
+        "friction_limit": np.where(sticks, _stick_limit(block, f), over),
+        "slip_direction": _only(slips, np.where(averaged, half.direction, full.direction)),
+        "stick": _only(sticks, worst(ratio(slip.end, slip.end_size))),
+        "dissipation": _only(p.on, np.where(sticks, 0.0, power)),
+        "slip_averaging": _only(averaged, too_far),
     }
 
 
 @dataclasses.dataclass
-class Reported(Rows):
-    """Friction and contact as the reported wrench has them."""
+class ReportedFriction(Rows):
+    """Friction and normal force of the reported wrench, N."""
 
     phi: Array  # (n, 2) (f1f, m1f/R)
     traction: Array
     normal: Array  # FN
-    normal_size: Array  # its terms, as the constraint gives them
+    normal_size: Array  # from the terms of the reactions
 
 
-def friction_of(block: Block, reactions: Array) -> Reported:
-    """Friction and normal force; reactions: (n, 4) the sizes of f2, f3, m2, m3."""
+def reported_friction(block: Block, reactions: Array) -> ReportedFriction:
+    """Friction and normal force; reactions: (n, 4) sizes of f2, f3, m2, m3."""
     p, out = block.parameters, block.out
     phi = out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]].copy()
     phi[:, 1] /= p.radius
@@ -110,43 +119,43 @@ def friction_of(block: Block, reactions: Array) -> Reported:
         np.column_stack([none, np.maximum(reactions[:, :2], np.abs(force[:, 1:]))]),
         np.column_stack([none, np.maximum(reactions[:, 2:], np.abs(moment[:, 1:]))]),
     )
-    return Reported(phi, rigid.norm(phi), normal, sizes[0] + sizes[2] + np.abs(p.preload))
+    return ReportedFriction(phi, rigid.norm(phi), normal, sizes[0] + sizes[2] + np.abs(p.preload))
 
 
-def _slipping(block: Block, f: Reported, mean: Array, size: Array) -> _Law:
-    """|s~| phi + r s~ = 0, |phi| = r and phi.s~ <= 0, for the slip velocity s~ (n, 2)."""
+def _slipping(block: Block, f: ReportedFriction, mean: Array, size: Array) -> _SlipResiduals:
+    """Residuals of |s~| phi + r s~ = 0, |phi| = r and phi.s~ <= 0, for s~ (n, 2) and its size."""
     rate = rigid.norm(mean)
     greatest = limit(block.parameters, block.tables, rate, f.normal)
-    greatest_size = terms_of_limit(block, f, rate, rigid.norm(size))
+    greatest_size = limit_size(block, f, rate, rigid.norm(size))
     rows = rate[:, None] * f.phi + greatest[:, None] * mean
-    # the disc knows no direction: a component far below the vector's length is not looked into
+    # the disc is isotropic: a component is compared with the length of its vector
     terms = rigid.norm(size)[:, None] * np.abs(f.phi) + (rate * f.traction)[:, None]
     terms += greatest[:, None] * size + greatest_size[:, None] * np.abs(mean)
     power = np.maximum(rigid.dot(f.phi, mean), 0.0)
-    return _Law(
+    return _SlipResiduals(
         worst(ratio(rows, terms)),
         ratio(f.traction - greatest, greatest_size),
         ratio(power, rigid.dot(np.abs(f.phi), size)),
     )
 
 
-def _resting(block: Block, f: Reported) -> Array:
-    """D of stick: |phi| <= the limit at rest."""
+def _stick_limit(block: Block, f: ReportedFriction) -> Array:
+    """Residual (n,) of |phi| <= limit at rest, for stick."""
     rest = np.zeros_like(f.normal)
     over = np.maximum(f.traction - limit(block.parameters, block.tables, rest, f.normal), 0.0)
-    return ratio(over, terms_of_limit(block, f, rest, rest))
+    return ratio(over, limit_size(block, f, rest, rest))
 
 
-def terms_of_limit(block: Block, f: Reported, rate: Array, rate_size: Array) -> Array:
-    """(n,) mu FN by the sums of the terms of FN and, where mu depends on them, of |s~| and FN."""
+def limit_size(block: Block, f: ReportedFriction, rate: Array, rate_size: Array) -> Array:
+    """(n,) size of the limit mu FN, from the sizes of FN and, if mu depends on it, of |s~|."""
     p, tables = block.parameters, block.tables
     by_rate, by_force = slopes(p, tables)
     mu = coefficient(p, tables, rate, f.normal)
     return (mu + by_force * f.normal) * f.normal_size + by_rate * rate_size * f.normal
 
 
-def _turned_too_far(slip: Slip) -> Array:
-    """T: s-.s+ > |s-|^2 / 4."""
+def _turned_too_far(slip: SlipVelocities) -> Array:
+    """Residual (n,) of s-.s+ > |s-|^2 / 4, the condition for theta = 1/2."""
     short = 0.25 * rigid.dot(slip.before, slip.before) - rigid.dot(slip.before, slip.end)
     size = 0.25 * rigid.dot(slip.before_size, slip.before_size)
     size += rigid.dot(slip.before_size, slip.end_size)

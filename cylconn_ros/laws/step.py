@@ -1,10 +1,11 @@
-"""The step with known inertia, written from its definition (docs/equations.md).
+"""The step with known inertia, written independently from its definition (equations.md).
 
     w+ = J~ (v_f + h M^-1 J~^T Lambda)        Lambda = (f1 f2 f3 m1 m2 m3) on B at node b
 
 Forces in the axes of a, E; moments in N = E S, S the held swing.
-q~: orientations half a step on, mass centres at their mean over the free step. v_f: the free
-velocity, spin by the midpoint rule of Euler's equation. All rows for all samples at once.
+q~: orientations after half a step, mass centres at their mean over the free step. v_f: the free
+velocity, with the angular velocity by the midpoint rule of Euler's equation. Every function works
+on all samples at once, one row per sample.
 """
 
 import dataclasses
@@ -16,24 +17,24 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.parameters import Bodies, Parameters, Rows, world
-from cylconn_ros.laws.sample_state import Frame, Motion, Observed, frame, relative
+from cylconn_ros.laws.sample_state import Frame, Motion, SampleState, frame, relative
 
 Array = NDArray[np.float64]
 CONSTRAINED = [1, 2, 4, 5]  # rows of w: y, z and both swings
-AVAILABLE = [0, 3]  # slide and spin
-MOST_TURNS = 0.6  # |w| h up to which the constraint is asked for at the end of the step
+FREE = [0, 3]  # slide and spin
+MOST_ROTATION = 0.6  # |w| h up to which the constraint is imposed at the end of the step
 
 
 @dataclasses.dataclass
 class Step(Rows):
-    """A step before its wrench is known; sizes are sums of absolute values of terms."""
+    """A step without its wrench; sizes are sums of the absolute values of terms."""
 
     frame: Frame  # in the configuration q~
-    half_a: Array  # (n, 4) orientations half a step on
+    half_a: Array  # (n, 4) orientations after half a step
     half_b: Array
     inverse_a: Array  # (n, 3, 3) inverse inertias in q~, world axes
     inverse_b: Array
-    gain_a: Array  # (n, 6) what gravity, loads and gyroscopic terms add to v and w of A
+    gain_a: Array  # (n, 6) change of v and w of A by gravity, loads and gyroscopic terms
     gain_b: Array
     free: Array  # (n, 6) J~ v_f
     free_size: Array
@@ -41,13 +42,13 @@ class Step(Rows):
     bracket_size: Array
     target: Array  # (n, 4) of the constrained rows
     target_size: Array
-    hold: Array  # (n, 2) what stick adds to the rates of slide and spin to bring them back
+    hold: Array  # (n, 2) rates of slide and spin by which stick returns to its held position
     hold_size: Array
 
 
 @dataclasses.dataclass
 class _Free(Rows):
-    """A body's free step: q~, and the two terms of its velocity."""
+    """Free step of a body: configuration q~ and the changes of its velocities."""
 
     middle: Motion
     half: Array
@@ -60,10 +61,10 @@ def _column(x: NDArray[Any]) -> NDArray[Any]:
     return x[:, None]
 
 
-def euler(
+def angular_acceleration(
     body: Bodies, orientation: Array, spin: Array, spin_size: Array, torque: Array, size: Array
 ) -> tuple[Array, Array]:
-    """(n, 3) dw/dt of I dw/dt = torque - w x I w, world axes, and its size."""
+    """(n, 3) dw/dt from I dw/dt = torque - w x I w, world axes, and its size."""
     axes = rigid.matrix(orientation)
     w = rigid.into(axes, spin)
     lever = rigid.into(axes, torque) - np.cross(w, rigid.out_of(body.inertia, w))
@@ -84,10 +85,10 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
     acceleration = np.where(free, p.gravity + _column(body.inverse_mass) * force, 0.0)
     half = rigid.turned(m.orientation, 0.5 * h * m.spin)
     spin, none = np.abs(m.spin), np.zeros_like(torque)
-    start, start_size = euler(body, m.orientation, m.spin, spin, none, none)
+    start, start_size = angular_acceleration(body, m.orientation, m.spin, spin, none, none)
     spins = m.spin + 0.5 * h * start, spin + 0.5 * h * start_size
-    middle = euler(body, half, *spins, torque, size)
-    frozen = euler(body, m.orientation, m.spin, spin, torque, size)
+    middle = angular_acceleration(body, half, *spins, torque, size)
+    frozen = angular_acceleration(body, m.orientation, m.spin, spin, torque, size)
     turn, turn_size = (
         np.where(free, np.where(explicit, one, other), 0.0)
         for one, other in zip(frozen, middle, strict=True)
@@ -105,8 +106,11 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
     return _Free(there, half, h * acceleration, h * turn, h * turn_size)
 
 
-def frozen(p: Parameters, o: Observed, sample: Array) -> Step:
-    """The step by q^ = q + h v; where turning is fast, its target is not yet the one asked for."""
+def frozen(p: Parameters, o: SampleState, sample: Array) -> Step:
+    """The step with the end configuration q^ = q + h v, before the correction for fast rotation.
+
+    sample: (n, NSAMPLE).
+    """
     loads_a = sample[:, layout.A_LOAD : layout.B_LOAD]
     loads_b = sample[:, layout.B_LOAD : layout.NSAMPLE]
     a, b = _free_step(p, p.a, o.a, loads_a), _free_step(p, p.b, o.b, loads_b)
@@ -117,16 +121,16 @@ def frozen(p: Parameters, o: Observed, sample: Array) -> Step:
     ahead = frame(p, _ahead(p, o.a), _ahead(p, o.b), o.swing)
     there, there_size = _of_motion(ahead, o)
     both = p.h * np.minimum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
-    exact = _column(~p.explicit & ~(both > MOST_TURNS)).astype(np.float64)
+    exact = _column(~p.explicit & ~(both > MOST_ROTATION)).astype(np.float64)
     keep_place = 0.5 * _column(~p.explicit).astype(np.float64)
     keep = 0.5 * exact
     bracket, bracket_size = exact * (there - still), exact * (there_size + still_size)
     h = _column(p.h)
-    back_in, back_in_size = pulled(o, p.h, pull_in(p, o))
-    back = (o.place - o.held) / h + keep_place * o.w[:, AVAILABLE]
+    back_in, back_in_size = pull_in_rates(o, p.h, pull_in_limits(p, o))
+    back = (o.position - o.held) / h + keep_place * o.w[:, FREE]
     back = np.where(_column(o.holding), back, 0.0)
-    away = np.where(_column(o.new_hold), 0.0, o.place_size + np.abs(o.held))
-    back_size = away / h + keep_place * o.w_size[:, AVAILABLE]
+    away = np.where(_column(o.new_hold), 0.0, o.position_size + np.abs(o.held))
+    back_size = away / h + keep_place * o.w_size[:, FREE]
     return Step(
         frame=acting,
         half_a=a.half,
@@ -146,26 +150,26 @@ def frozen(p: Parameters, o: Observed, sample: Array) -> Step:
     )
 
 
-def _of_motion(f: Frame, o: Observed) -> tuple[Array, Array]:
-    """J v for the sample's velocities in another configuration, and its size."""
+def _of_motion(f: Frame, o: SampleState) -> tuple[Array, Array]:
+    """(n, 6) J v for the sample's velocities in another configuration, and its size."""
     value, _ = relative(f, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)
     _, size = relative(f, o.a.velocity_size, o.a.spin, o.b.velocity_size, o.b.spin)
     return value, size
 
 
 def _ahead(p: Parameters, m: Motion) -> Motion:
-    """q^ = q + h v."""
+    """Motion in the configuration q^ = q + h v."""
     h = _column(p.h)
     turned = rigid.turned(m.orientation, h * m.spin)
     size = m.com_size + h * m.velocity_size
     return Motion(m.com + h * m.velocity, turned, m.velocity, m.spin, size, m.velocity_size)
 
 
-def pull_in(p: Parameters, o: Observed) -> tuple[Array, Array]:
-    """(n,) at most how fast offsets and swings are brought back.
+def pull_in_limits(p: Parameters, o: SampleState) -> tuple[Array, Array]:
+    """(n,) maximum rates at which offsets (m/s) and swings (rad/s) are corrected.
 
-    To the pull-in speed comes what a step's own error needs, (|w| h)^2 |w|, of the arms for
-    offsets; from |w| h = 0.5 on less, from 0.75 on nothing.
+    The truncation error of a step needs an additional (|w| h)^2 |w|, times the arms for offsets.
+    This addition decreases from |w| h = 0.5 on and is 0 from 0.75 on.
     """
     spin = np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin))
     own = np.clip(6.0 - 10.0 * spin * p.h, 0.0, 1.0) * (spin * p.h) ** 2 * spin
@@ -173,20 +177,24 @@ def pull_in(p: Parameters, o: Observed) -> tuple[Array, Array]:
     return p.pull_in_speed + own * arms, p.pull_in_rate + own
 
 
-def pulled(o: Observed, settling: Array, limits: tuple[Array, Array]) -> tuple[Array, Array]:
-    """-e/settling, offsets and swings each no faster than their limit: (n, 4) and its size."""
+def pull_in_rates(
+    o: SampleState, time_constant: Array, limits: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """(n, 4) -e/time_constant, offsets and swings each limited in length, and its size."""
     found, size = [], []
     for rows, greatest in zip((slice(0, 2), slice(2, 4)), limits, strict=True):
         e, terms = o.error[:, rows], o.error_size[:, rows]
         long = _column(rigid.norm(e))
-        far = long > _column(greatest * settling)
-        rate = np.where(far, _column(greatest) / np.where(far, long, 1.0), 1.0 / _column(settling))
+        far = long > _column(greatest * time_constant)
+        rate = np.where(
+            far, _column(greatest) / np.where(far, long, 1.0), 1.0 / _column(time_constant)
+        )
         found.append(-rate * e)
         size.append(rate * terms)
     return np.concatenate(found, axis=1), np.concatenate(size, axis=1)
 
 
-def accelerations(p: Parameters, o: Observed, sample: Array) -> tuple[Array, Array]:
+def accelerations(p: Parameters, o: SampleState, sample: Array) -> tuple[Array, Array]:
     """(n, 6) J a in q under gravity, loads and gyroscopic torques, and its size."""
     values: list[Array] = []
     sizes: list[Array] = []
@@ -196,7 +204,9 @@ def accelerations(p: Parameters, o: Observed, sample: Array) -> tuple[Array, Arr
         torque = load[:, 3:] - np.cross(arm, load[:, :3])
         size = np.abs(load[:, 3:]) + rigid.cross_size(arm, load[:, :3])
         push = _column(body.inverse_mass) * load[:, :3]
-        turn, turn_size = euler(body, m.orientation, m.spin, np.abs(m.spin), torque, size)
+        turn, turn_size = angular_acceleration(
+            body, m.orientation, m.spin, np.abs(m.spin), torque, size
+        )
         values += [np.where(free, p.gravity + push, 0.0), np.where(free, turn, 0.0)]
         sizes += [np.where(free, np.abs(p.gravity) + np.abs(push), 0.0)]
         sizes += [np.where(free, turn_size, 0.0)]
@@ -205,10 +215,10 @@ def accelerations(p: Parameters, o: Observed, sample: Array) -> tuple[Array, Arr
     return value, size
 
 
-def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Array, Array]:
-    """H J~ M^-1 J~^T Lambda: (n, 6) and its size.
+def rates_from_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Array, Array]:
+    """(n, 6) change of the relative rates by a wrench, h J~ M^-1 J~^T Lambda, and its size.
 
-    wrench: (n, 6) Lambda; terms: (n, 6) the sums of the absolute values of the parts that make it.
+    wrench: (n, 6) Lambda; terms: (n, 6) sums of the absolute values of its components.
     """
     force = rigid.out_of(s.frame.axes, wrench[:, :3])
     moment = rigid.out_of(s.frame.untwisted, wrench[:, 3:])
@@ -237,7 +247,7 @@ def by_wrench(p: Parameters, s: Step, wrench: Array, terms: Array) -> tuple[Arra
 
 
 def compliance(p: Parameters, s: Step) -> Array:
-    """G = J~ M^-1 J~^T (n, 6, 6), in the axes of Lambda."""
+    """(n, 6, 6) Delassus operator G = J~ M^-1 J~^T, in the axes of Lambda."""
     n = len(p.h)
     back = s.frame.axes.transpose(0, 2, 1) @ s.frame.untwisted  # from N to E
     total = np.zeros((n, 6, 6))
@@ -255,18 +265,18 @@ def compliance(p: Parameters, s: Step) -> Array:
 
 
 def reaction_size(p: Parameters, s: Step, wrench: Array, terms: Array) -> Array:
-    """(n, 4) sums of the terms of f2, f3, m2, m3, once these are eliminated.
+    """(n, 4) sums of the terms of the reactions f2, f3, m2, m3 as functions of f1 and m1.
 
     (f2 f3 m2 m3) = base + C (f1, m1): |base| + |C| terms. wrench, terms: as in :func:`by_wrench`.
     """
     g = compliance(p, s)
-    by = -inverse(g[:, CONSTRAINED][:, :, CONSTRAINED]) @ g[:, CONSTRAINED][:, :, AVAILABLE]
-    base = wrench[:, CONSTRAINED] - np.einsum("nij,nj->ni", by, wrench[:, AVAILABLE])
-    return np.abs(base) + np.einsum("nij,nj->ni", np.abs(by), terms[:, AVAILABLE])
+    by = -inverse(g[:, CONSTRAINED][:, :, CONSTRAINED]) @ g[:, CONSTRAINED][:, :, FREE]
+    base = wrench[:, CONSTRAINED] - np.einsum("nij,nj->ni", by, wrench[:, FREE])
+    return np.abs(base) + np.einsum("nij,nj->ni", np.abs(by), terms[:, FREE])
 
 
 def inverse(g: Array) -> Array:
-    """(n, k, k) inverses of positive definite matrices, finite however near to singular."""
+    """(n, k, k) inverses of positive definite matrices, finite also for nearly singular ones."""
     scale = np.sqrt(np.einsum("nii->ni", g))
     scales = scale[:, :, None] * scale[:, None, :]  # ones on the diagonal
     values, vectors = np.linalg.eigh(g / scales)

@@ -1,4 +1,4 @@
-"""What a check amounts to: the worst residual of each law and where, samples in each regime."""
+"""Summary of a law check: the largest residual of each law and its sample, samples per regime."""
 
 from __future__ import annotations
 
@@ -14,91 +14,91 @@ from cylconn_ros.laws.normalised import TOLERANCE
 Array = NDArray[np.float64]
 
 REGIMES = ("slip", "stick", "frictionless", "several roots", "jam", "stop", "restitution")
-STEERED = ("slip", "stick", "several roots", "jam", "stop", "restitution")
+REQUIRED_REGIMES = ("slip", "stick", "several roots", "jam", "stop", "restitution")
 LEAST_SHARE = 0.01
-"""Of the samples, in each of the regimes that the draw is steered to."""
+"""Share of the random samples that each required regime has to reach."""
 
 
 @dataclasses.dataclass
-class Worst:
-    """The worst residual of a law."""
+class LawResult:
+    """Residuals of one law, reduced."""
 
-    value: float = 0.0
-    where: str = ""
-    samples: int = 0  # that the law speaks of
-    over: int = 0  # beyond the tolerance
+    worst: float = 0.0
+    location: str = ""  # of the sample with the largest residual
+    samples: int = 0  # to which the law applies
+    violations: int = 0  # samples whose residual exceeds the tolerance
 
     @property
     def holds(self) -> bool:
-        """Whether the law was within its tolerance on every sample."""
-        return self.over == 0
+        """Whether the residual is within the tolerance for every sample."""
+        return self.violations == 0
 
 
 @dataclasses.dataclass
-class Tally:
-    """Worst residuals by letter, samples by regime."""
+class LawSummary:
+    """Results by law, and samples by regime."""
 
-    laws: dict[str, Worst] = dataclasses.field(default_factory=dict)
+    laws: dict[str, LawResult] = dataclasses.field(default_factory=dict)
     regimes: dict[str, int] = dataclasses.field(default_factory=lambda: dict.fromkeys(REGIMES, 0))
     samples: int = 0
 
     def add(
-        self, residuals: Mapping[str, Array], out: Array, where: Sequence[NDArray[np.intp]]
+        self, residuals: Mapping[str, Array], out: Array, columns: Sequence[NDArray[np.intp]]
     ) -> None:
-        """Count (n,) residuals by letter and (n, NOUT) answers; where: columns that name a row."""
-        self.count(residuals, len(out), where)
+        """Add (n,) residuals by law and (n, NOUT) outputs; columns: numbers that name each row."""
+        self.add_residuals(residuals, len(out), columns)
         for name, rows in regimes(out).items():
             self.regimes[name] += int(rows.sum())
 
-    def count(
-        self, residuals: Mapping[str, Array], samples: int, where: Sequence[NDArray[np.intp]]
+    def add_residuals(
+        self, residuals: Mapping[str, Array], samples: int, columns: Sequence[NDArray[np.intp]]
     ) -> None:
-        """Count (n,) residuals by letter of n samples that are in no regime."""
+        """Add (n,) residuals by law of n samples whose regimes are not counted."""
         self.samples += samples
-        for letter, values in residuals.items():
-            law = self.laws.setdefault(letter, Worst())
-            said = ~np.isnan(values)
-            law.samples += int(said.sum())
-            law.over += int((values[said] > TOLERANCE).sum())
-            if said.any() and (not law.where or np.nanmax(values) > law.value):
+        for name, values in residuals.items():
+            law = self.laws.setdefault(name, LawResult())
+            applies = ~np.isnan(values)
+            law.samples += int(applies.sum())
+            law.violations += int((values[applies] > TOLERANCE).sum())
+            if applies.any() and (not law.location or np.nanmax(values) > law.worst):
                 row = int(np.nanargmax(values))
-                law.value = float(values[row])
-                law.where = "/".join(str(int(column[row])) for column in where)
+                law.worst = float(values[row])
+                law.location = "/".join(str(int(column[row])) for column in columns)
 
-    def named(self, name: str) -> Tally:
-        """The tally with ``name`` before every place."""
+    def with_prefix(self, name: str) -> LawSummary:
+        """Put ``name`` in front of every location; returns the summary itself."""
         for law in self.laws.values():
-            law.where = f"{name}/{law.where}" if law.where else ""
+            law.location = f"{name}/{law.location}" if law.location else ""
         return self
 
-    def merge(self, other: Tally) -> None:
-        """Take in another tally."""
+    def merge(self, other: LawSummary) -> None:
+        """Add the results and counts of another summary."""
         self.samples += other.samples
         for name, count in other.regimes.items():
             self.regimes[name] += count
-        for letter, theirs in other.laws.items():
-            mine = self.laws.setdefault(letter, Worst())
-            worst = theirs if not mine.where or theirs.value > mine.value else mine
-            mine.value, mine.where = worst.value, worst.where
+        for name, theirs in other.laws.items():
+            mine = self.laws.setdefault(name, LawResult())
+            worst = theirs if not mine.location or theirs.worst > mine.worst else mine
+            mine.worst, mine.location = worst.worst, worst.location
             mine.samples += theirs.samples
-            mine.over += theirs.over
+            mine.violations += theirs.violations
 
     @property
     def holds(self) -> bool:
-        """Whether every law held."""
+        """Whether every law holds."""
         return all(law.holds for law in self.laws.values())
 
-    def scarce(self) -> list[str]:
-        """The regimes that the draw is steered to and that were hardly met all the same."""
-        return [name for name in STEERED if self.share(name) < LEAST_SHARE]
+    def rare_regimes(self) -> list[str]:
+        """The required regimes with less than LEAST_SHARE of the samples."""
+        return [name for name in REQUIRED_REGIMES if self.share(name) < LEAST_SHARE]
 
     def share(self, regime: str) -> float:
-        """The part of the samples that were in a regime."""
+        """The share of the samples that are in a regime."""
         return self.regimes[regime] / max(self.samples, 1)
 
 
 def regimes(out: Array) -> dict[str, NDArray[np.bool_]]:
-    """Which of (n, NOUT) answers were in which regime; they overlap."""
+    """Membership (n,) of (n, NOUT) outputs in each regime; regimes overlap."""
     flags = out[:, layout.FLAGS].astype(np.int64)
     regime = out[:, layout.REGIME]
     return {

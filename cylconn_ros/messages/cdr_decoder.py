@@ -1,8 +1,8 @@
-"""Messages from CDR, the bytes that ROS 2 nodes exchange.
+"""Decode serialized messages (CDR) into numbers and texts.
 
-The nodes take and give bytes because building message objects costs more than everything else they
-do. Numbers are read where they stand: alignment is relative to the end of the four-byte
-encapsulation header, and offsets follow from the lengths of the strings before them.
+The nodes exchange serialized messages because message objects cost more than everything else that
+the nodes do. Numbers are read in place: alignment counts from the end of the four-byte
+encapsulation header, and offsets follow from the lengths of the strings before a field.
 """
 
 from __future__ import annotations
@@ -10,24 +10,27 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}  # plain CDR, big and little endian
-_HEADER = 4
-_PADDING = 3  # bytes a writer may append to fill a word
-_EMPTY_ARRAYS = 24  # and what Fast DDS appends for three empty arrays of doubles
+from cylconn_ros.errors import CylconnError
+from cylconn_ros.scene.inputs import ABSENT, INPUTS, ODOMETRY, POSE, TWIST, WRENCH, InputType
 
-_POSE = {order: struct.Struct(f"{order}7d") for order in "<>"}
+_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}  # plain CDR, big and little endian
+_HEADER = 4  # bytes of the encapsulation header
+_PADDING = 3  # bytes that an encoder may append to fill a word of four bytes
+_EMPTY_ARRAYS = 24  # bytes that Fast DDS appends for three empty arrays of float64
+
+_SEVEN = {order: struct.Struct(f"{order}7d") for order in "<>"}
 _SIX = {order: struct.Struct(f"{order}6d") for order in "<>"}
 _STAMP = {order: struct.Struct(f"{order}iII") for order in "<>"}
 _COUNT = {order: struct.Struct(f"{order}I") for order in "<>"}
-_COVARIANCE = 36 * 8
+_KINDS = {kind.type: kind for kind in INPUTS}
 
 
-class CdrError(ValueError):
-    """Bytes that are not the message they are said to be."""
+class CdrError(CylconnError, ValueError):
+    """The bytes are not a message of the expected type."""
 
 
 class Stamped(NamedTuple):
-    """A PoseStamped (7 numbers), TwistStamped or WrenchStamped (6)."""
+    """Content of a PoseStamped (7 numbers), TwistStamped or WrenchStamped (6 numbers)."""
 
     stamp: int  # ns
     frame: str
@@ -35,17 +38,27 @@ class Stamped(NamedTuple):
 
 
 class Odometry(NamedTuple):
-    """An Odometry, without covariances."""
+    """Content of an Odometry message, without covariances."""
 
     stamp: int  # ns
     frame: str
     child_frame: str
     pose: tuple[float, ...]  # (7,) position, quaternion x y z w
-    twist: tuple[float, ...]  # (6,) linear, angular
+    twist: tuple[float, ...]  # (6,) linear, angular velocity
+
+
+class BodyInput(NamedTuple):
+    """Content of a message of any input type; quantities that the type does not carry are empty."""
+
+    stamp: int  # ns
+    frame: str
+    child_frame: str | None  # None: the type has no child frame
+    pose: tuple[float, ...]  # (7,) position, quaternion x y z w
+    pair: tuple[float, ...]  # (6,) twist or load
 
 
 class JointState(NamedTuple):
-    """A JointState."""
+    """Content of a JointState message."""
 
     stamp: int  # ns
     frame: str
@@ -55,35 +68,46 @@ class JointState(NamedTuple):
     efforts: tuple[float, ...]
 
 
+def read_input(kind: InputType, data: bytes) -> BodyInput:
+    """Decode a message of an input type; raises :class:`CdrError`."""
+    order, stamp, frame, at = _read_header(data)
+    child = None
+    if kind.has_child_frame:
+        child, at = _read_string(data, order, at)
+    at = _align(at, 8)
+    _check_end(data, at + kind.size)
+    pair_offset = kind.twist if kind.twist != ABSENT else kind.load
+    pose = _SEVEN[order].unpack_from(data, at + kind.pose) if kind.pose != ABSENT else ()
+    pair = _SIX[order].unpack_from(data, at + pair_offset) if pair_offset != ABSENT else ()
+    return BodyInput(stamp, frame, child, pose, pair)
+
+
 def read_pose(data: bytes) -> Stamped:
-    """Read a geometry_msgs/PoseStamped; raises :class:`CdrError`."""
-    return _read_stamped(data, _POSE, 56)
+    """Decode a geometry_msgs/PoseStamped; raises :class:`CdrError`."""
+    found = read_input(_KINDS[POSE], data)
+    return Stamped(found.stamp, found.frame, found.pose)
 
 
 def read_twist(data: bytes) -> Stamped:
-    """Read a geometry_msgs/TwistStamped; raises :class:`CdrError`."""
-    return _read_stamped(data, _SIX, 48)
+    """Decode a geometry_msgs/TwistStamped; raises :class:`CdrError`."""
+    found = read_input(_KINDS[TWIST], data)
+    return Stamped(found.stamp, found.frame, found.pair)
 
 
 def read_wrench(data: bytes) -> Stamped:
-    """Read a geometry_msgs/WrenchStamped; raises :class:`CdrError`."""
-    return _read_stamped(data, _SIX, 48)
+    """Decode a geometry_msgs/WrenchStamped; raises :class:`CdrError`."""
+    found = read_input(_KINDS[WRENCH], data)
+    return Stamped(found.stamp, found.frame, found.pair)
 
 
 def read_odometry(data: bytes) -> Odometry:
-    """Read a nav_msgs/Odometry; raises :class:`CdrError`."""
-    order, stamp, frame, at = _read_header(data)
-    child, at = _read_string(data, order, at)
-    at = _align(at, 8)
-    end = at + 56 + _COVARIANCE + 48 + _COVARIANCE
-    _check_end(data, end)
-    pose = _POSE[order].unpack_from(data, at)
-    twist = _SIX[order].unpack_from(data, at + 56 + _COVARIANCE)
-    return Odometry(stamp, frame, child, pose, twist)
+    """Decode a nav_msgs/Odometry; raises :class:`CdrError`."""
+    stamp, frame, child, pose, twist = read_input(_KINDS[ODOMETRY], data)
+    return Odometry(stamp, frame, child or "", pose, twist)
 
 
 def read_joint_state(data: bytes) -> JointState:
-    """Read a sensor_msgs/JointState; raises :class:`CdrError`."""
+    """Decode a sensor_msgs/JointState; raises :class:`CdrError`."""
     order, stamp, frame, at = _read_header(data)
     count, at = _read_count(data, order, at, 4)
     names = []
@@ -103,19 +127,12 @@ def read_joint_state(data: bytes) -> JointState:
 
 
 def read_stamp(data: bytes) -> int:
-    """Read the stamp in ns of any message that begins with a header; raises :class:`CdrError`."""
+    """Decode the stamp in ns of a message that begins with a header; raises :class:`CdrError`."""
     return _read_header(data)[1]
 
 
-def _read_stamped(data: bytes, numbers: dict[str, struct.Struct], size: int) -> Stamped:
-    order, stamp, frame, at = _read_header(data)
-    at = _align(at, 8)
-    _check_end(data, at + size)
-    return Stamped(stamp, frame, numbers[order].unpack_from(data, at))
-
-
 def _read_header(data: bytes) -> tuple[str, int, str, int]:
-    """Byte order, stamp in ns, frame and where the next field may begin."""
+    """Byte order, stamp in ns, frame, and the offset of the byte after the frame."""
     order = _ORDERS.get(bytes(data[:2]))
     if order is None:
         raise CdrError(f"encapsulation {bytes(data[:2]).hex() or 'missing'} is not plain CDR")
@@ -129,7 +146,7 @@ def _read_header(data: bytes) -> tuple[str, int, str, int]:
 
 def _read_string(data: bytes, order: str, at: int) -> tuple[str, int]:
     length, at = _read_count(data, order, at, 1)
-    if not length:  # some writers leave out the terminating zero of an empty string
+    if not length:  # some encoders omit the terminating zero of an empty string
         return "", at
     end = at + length
     if data[end - 1]:

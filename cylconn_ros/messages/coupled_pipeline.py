@@ -1,8 +1,8 @@
-"""Connectors that share bodies: their samples are put together and answered at once.
+"""Pipeline of connectors that share bodies: they are solved together, one stamp at a time.
 
-Each of them matches its own messages. What it has complete waits here until all have the sample of
-that stamp; then the group answers. Samples that stay incomplete are given up when a newer one is
-answered, and counted as each connector counts its own.
+Each connector synchronises its own messages. Its complete sample waits here until all connectors
+have the sample of that stamp; then the group solves them together. A sample that not all connectors
+have is dropped when a newer one is solved, and counted as an incomplete sample of its connector.
 """
 
 from __future__ import annotations
@@ -13,83 +13,83 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylconn_ros.connector.group import Group
-from cylconn_ros.connector.synchronizer import Matched
+from cylconn_ros.connector.synchronizer import SynchronizedSample
 from cylconn_ros.core import layout
-from cylconn_ros.messages.pipeline import ANY_SAMPLE, Answer, Answering
+from cylconn_ros.messages.pipeline import VALID_SAMPLE, MessagePipeline, Response
 
-_MOST_WAITING = 64  # samples: more than a queue of 50 messages can hold
-
-
-class _Waiting:
-    """A sample that some have complete."""
-
-    def __init__(self, number: int) -> None:
-        self.samples = np.zeros((number, layout.NSAMPLE))
-        self.came: set[int] = set()
+_MAX_WAITING = 64  # samples: more than a queue of 50 messages can hold
 
 
-class Together:
-    """Answer the samples of several connectors together.
+class _PartialSample:
+    """The samples of one stamp, of the connectors that have it complete."""
+
+    def __init__(self, count: int) -> None:
+        self.samples = np.zeros((count, layout.NSAMPLE))
+        self.complete: set[int] = set()
+
+
+class CoupledPipeline:
+    """Process the samples of several connectors together.
 
     Attributes
     ----------
-        group: what solves. answers: of the last sample, by connector, until somebody takes them;
-        that of the connector whose message completed it is not among them.
+        group: solves the connectors. responses: to the last sample, by connector, until
+            :meth:`take_responses`; without that of the connector whose message completed it.
     """
 
-    def __init__(self, members: Sequence[Answering]) -> None:
-        """Take the members' connectors and histories over; from now on they answer together."""
+    def __init__(self, members: Sequence[MessagePipeline]) -> None:
+        """Adopt the connectors and histories of ``members``, which are solved together from now."""
         self._members = list(members)
         scenes = [member.scene for member in members]
-        Group(scenes).step(np.tile(ANY_SAMPLE, (len(members), 1)), 1e-3)  # compiled now
+        Group(scenes).step(np.tile(VALID_SAMPLE, (len(members), 1)), 1e-3)  # compile now
         self.group = Group(scenes, [member.connector for member in members])
         self._outs = np.zeros((len(members), layout.NOUT))
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, _PartialSample] = {}
         self._last: int | None = None
-        self.answers: dict[int, Answer] = {}
+        self.responses: dict[int, Response] = {}
         for k, member in enumerate(self._members):
-            member.solve = functools.partial(self._came, k)
+            member.solve_coupled = functools.partial(self._add, k)
 
-    def forget(self) -> None:
-        """Forget what waits and all history."""
+    def reset(self) -> None:
+        """Forget waiting samples and the history."""
         self.group.reset()
         self._waiting.clear()
         self._last = None
 
-    def taken(self) -> dict[int, Answer]:
-        """The answers of the others to the last sample, once."""
-        answers, self.answers = self.answers, {}
-        return answers
+    def take_responses(self) -> dict[int, Response]:
+        """Remove and return the responses of the other connectors to the last sample."""
+        responses, self.responses = self.responses, {}
+        return responses
 
-    def _came(self, k: int, matched: Matched, begin: float) -> Answer | None:
-        """Take a complete sample of member ``k``; its answer where it is the last to have it."""
-        stamp = matched.stamp
-        if matched.restarted and self._last is not None and stamp <= self._last:
-            self.forget()
+    def _add(self, k: int, sample: SynchronizedSample, begin: float) -> Response | None:
+        """Add a complete sample of member ``k``; its response if all members now have it."""
+        stamp = sample.stamp
+        if sample.restarted and self._last is not None and stamp <= self._last:
+            self.reset()
         if self._last is not None and stamp <= self._last:
             self._members[k].matcher.counts.incomplete += 1
             return None
-        slot = self._waiting.setdefault(stamp, _Waiting(len(self._members)))
-        slot.samples[k] = self._members[k].matcher.sample
-        slot.came.add(k)
-        if len(slot.came) < len(self._members):
-            if len(self._waiting) > _MOST_WAITING:
-                self._give_up(min(self._waiting))
+        partial = self._waiting.setdefault(stamp, _PartialSample(len(self._members)))
+        partial.samples[k] = self._members[k].matcher.sample
+        partial.complete.add(k)
+        if len(partial.complete) < len(self._members):
+            if len(self._waiting) > _MAX_WAITING:
+                self._drop(min(self._waiting))
             return None
         del self._waiting[stamp]
         for older in [other for other in self._waiting if other < stamp]:
-            self._give_up(older)
+            self._drop(older)
         h = 0.0 if self._last is None else (stamp - self._last) * 1e-9
         self._last = stamp
-        self.group.step(slot.samples, h, self._outs)
-        found = {}
+        self.group.step(partial.samples, h, self._outs)
+        responses = {}
         for j, member in enumerate(self._members):
             member.out[:] = self._outs[j]
-            found[j] = member.finish(stamp, h, begin)
-        own = found.pop(k)
-        self.answers = found
+            responses[j] = member.finish(stamp, h, begin)
+        own = responses.pop(k)
+        self.responses = responses
         return own
 
-    def _give_up(self, stamp: int) -> None:
-        for k in self._waiting.pop(stamp).came:
+    def _drop(self, stamp: int) -> None:
+        for k in self._waiting.pop(stamp).complete:
             self._members[k].matcher.counts.incomplete += 1

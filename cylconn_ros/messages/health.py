@@ -1,4 +1,4 @@
-"""What went wrong while answering, in numbers: what diagnostics are made of."""
+"""Errors and counters of a message pipeline, for diagnostics."""
 
 from __future__ import annotations
 
@@ -9,51 +9,52 @@ import numpy as np
 from cylconn_ros.messages import statistics
 
 
-def _whole(at: int) -> property:
-    """A whole number of the tally."""
+def _integer(at: int) -> property:
+    """A counter as an int."""
     return property(lambda health: int(health.numbers[at]))
 
 
-def _real(at: int) -> property:
-    """A number of the tally."""
+def _float(at: int) -> property:
+    """A counter as a float."""
     return property(lambda health: float(health.numbers[at]))
 
 
 @dataclasses.dataclass
 class Health:
-    """What went wrong while answering; totals since the start, ``worst_…`` since the last look.
+    """Errors and counters: totals since the start; ``worst_…``, flags and stops since a report.
 
     Attributes
     ----------
-        numbers: (NTALLY,) of the answers themselves (messages/statistics.py); they have names here.
+        numbers: (NCOUNTER,) counters of processed samples (messages/statistics.py); the properties
+            give them names.
     """
 
     undecodable: int = 0
     undecodable_text: str = ""
     failed: int = 0
     failure: str = ""
-    commands: int = 0  # followed
-    refused: int = 0  # commands that cannot be followed
+    commands: int = 0  # accepted
+    refused: int = 0  # commands that are invalid
     refusal: str = ""
-    numbers: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(statistics.NTALLY))
+    numbers: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(statistics.NCOUNTER))
 
-    not_finite = _whole(statistics.NOT_FINITE)
-    bad_quaternion = _whole(statistics.BAD_QUATERNION)
-    no_period = _whole(statistics.NO_PERIOD)
-    off_period = _whole(statistics.OFF_PERIOD)
-    seen_period = _real(statistics.SEEN_PERIOD)
-    saturated = _whole(statistics.SATURATED)
-    worst_residual = _real(statistics.WORST_RESIDUAL)
-    worst_offset = _real(statistics.WORST_OFFSET)
-    worst_angle = _real(statistics.WORST_ANGLE)
-    worst_time = _real(statistics.WORST_TIME)
-    flags = _whole(statistics.FLAGS)
-    stops = _whole(statistics.STOPS)
-    regime = _whole(statistics.REGIME)
-    lock = _whole(statistics.LOCK)
+    not_finite = _integer(statistics.NOT_FINITE)
+    bad_quaternion = _integer(statistics.BAD_QUATERNION)
+    no_period = _integer(statistics.NO_PERIOD)
+    off_period = _integer(statistics.OFF_PERIOD)
+    seen_period = _float(statistics.SEEN_PERIOD)
+    saturated = _integer(statistics.SATURATED)
+    worst_residual = _float(statistics.WORST_RESIDUAL)
+    worst_offset = _float(statistics.WORST_OFFSET)
+    worst_angle = _float(statistics.WORST_ANGLE)
+    worst_time = _float(statistics.WORST_TIME)
+    flags = _integer(statistics.FLAGS)
+    stops = _integer(statistics.STOPS)
+    regime = _integer(statistics.REGIME)
+    lock = _integer(statistics.LOCK)
 
-    def taken(self) -> Health:
-        """A copy; begins a new stretch of ``worst_…``, flags and stops."""
+    def report(self) -> Health:
+        """A copy; afterwards ``worst_…``, flags and stops begin again."""
         copy = dataclasses.replace(self, numbers=self.numbers.copy())
-        self.numbers[statistics.SINCE_LOOKED :] = 0.0
+        self.numbers[statistics.SINCE_REPORT :] = 0.0
         return copy

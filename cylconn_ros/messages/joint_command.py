@@ -1,10 +1,10 @@
-"""What ``~/command`` asks for: imposed motion or force on slide and spin.
+"""Commands on ``~/command`` (JointState): imposed motion or force on slide and spin.
 
-A sensor_msgs/JointState is read as controllers write one: position and velocity are an imposed
-motion, effort an imposed force, an empty array or NaN is a quantity not given. A component that is
-named is set anew by the message, one that is not named stays as it was; so a component named with
-nothing given is free again. Header and stamp mean nothing: a command acts from the next sample
-that is answered on, and holds until the next command.
+A sensor_msgs/JointState has the meaning that controllers give it: position and velocity are an
+imposed motion, effort an imposed force; an empty array or NaN is a quantity not given. A message
+sets the components that it names and leaves the others as they are; a component named without any
+quantity is free again. Header and stamp are not used: a command acts from the next processed sample
+until the next command.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from cylconn_ros.errors import CylconnError
 from cylconn_ros.messages.cdr_decoder import JointState
-from cylconn_ros.scene.groups import Command, Imposed
+from cylconn_ros.scene.behaviour import Command, Imposed
 
 COMPONENTS = ("slide", "spin")
 
 
-class CommandError(ValueError):
-    """A command that cannot be followed; nothing of it is."""
+class JointCommandError(CylconnError, ValueError):
+    """A command is invalid; no part of it takes effect."""
 
 
 class Imposition(NamedTuple):
-    """What is imposed on one component; NaN is what is not."""
+    """Imposed motion or force of one component; NaN for a quantity that is not imposed."""
 
     position: float  # m or rad
     velocity: float  # m/s or rad/s
@@ -31,11 +32,11 @@ class Imposition(NamedTuple):
 
     @classmethod
     def of(cls, imposed: Imposed) -> Imposition:
-        """What a scene's parameters impose."""
+        """From the parameters of a scene."""
         return cls(imposed.position, imposed.velocity, imposed.force)
 
     def parameters(self) -> Imposed:
-        """The same as parameters of a scene."""
+        """As parameters of a scene."""
         return Imposed(**self._asdict())
 
     def __str__(self) -> str:
@@ -44,44 +45,48 @@ class Imposition(NamedTuple):
 
 
 def in_scene(command: Command) -> dict[str, Imposition]:
-    """What a scene's parameters impose, by component."""
+    """Impositions by component, from the parameters of a scene."""
     return {name: Imposition.of(getattr(command, name)) for name in COMPONENTS}
 
 
 def as_parameters(impositions: dict[str, Imposition]) -> Command:
-    """What is imposed, as parameters of a scene."""
+    """Parameters of a scene, from the impositions by component."""
     return Command(**{name: imposed.parameters() for name, imposed in impositions.items()})
 
 
 def read(message: JointState) -> dict[str, Imposition]:
-    """What a message imposes, by component it names.
+    """Impositions by component that a message names.
 
-    Raises CommandError, naming component, value and rule, for no or unknown or repeated names, an
-    array that is neither empty nor as long as the names, a number that is infinite, and a motion
-    with a force.
+    Raises JointCommandError, which names component, value and rule, if the message names no
+    component, an unknown one or one twice; if an array is neither empty nor as long as the names;
+    if a number is infinite; if a motion comes with a force.
     """
     names = message.names
     if not names:
-        raise CommandError("name = []: must name slide, spin or both")
+        raise JointCommandError("name = []: must name slide, spin or both")
     for name in names:
         if name not in COMPONENTS:
-            raise CommandError(f"name = {name!r}: must be slide or spin")
+            raise JointCommandError(f"name = {name!r}: must be slide or spin")
         if names.count(name) > 1:
-            raise CommandError(f"name = {name!r}: must not be given twice")
+            raise JointCommandError(f"name = {name!r}: must not be given twice")
     columns = []
     arrays = (message.positions, message.velocities, message.efforts)
     for field, array in zip(("position", "velocity", "effort"), arrays, strict=True):
         if array and len(array) != len(names):
-            raise CommandError(
+            raise JointCommandError(
                 f"{field}: {len(array)} numbers for {len(names)} names; must be as many, or none"
             )
         for name, value in zip(names, array, strict=False):
             if math.isinf(value):
-                raise CommandError(f"{field} of {name} = {value}: must be finite, or NaN for none")
+                raise JointCommandError(
+                    f"{field} of {name} = {value}: must be finite, or NaN for none"
+                )
         columns.append(array or (math.nan,) * len(names))
     impositions = {}
     for name, position, velocity, force in zip(names, *columns, strict=True):
         if not (math.isnan(force) or (math.isnan(position) and math.isnan(velocity))):
-            raise CommandError(f"effort of {name} = {force:g}: must not be given with a motion")
+            raise JointCommandError(
+                f"effort of {name} = {force:g}: must not be given with a motion"
+            )
         impositions[name] = Imposition(position, velocity, force)
     return impositions

@@ -1,7 +1,7 @@
-"""Bytes in, bytes out: what the connector node does with messages, without ROS.
+"""Message pipeline: serialized input messages to serialized output messages, without ROS.
 
-The node subscribes to :attr:`Answering.inputs` and publishes the answers; a replay feeds the same
-class from a recording and gets the same bytes.
+The connector node subscribes to :attr:`MessagePipeline.inputs` and publishes the responses. A
+replay feeds the same class from a recording and gets the same bytes.
 """
 
 from __future__ import annotations
@@ -15,36 +15,30 @@ from typing import NamedTuple
 import numpy as np
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.synchronizer import STREAMS, Matched, SampleMatcher
+from cylconn_ros.connector.synchronizer import SampleMatcher, SynchronizedSample
 from cylconn_ros.core import layout
-from cylconn_ros.messages import cdr_decoder, joint_command, prefix_decoder_lane, statistics
+from cylconn_ros.messages import cdr_decoder, joint_command, statistics
 from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
 from cylconn_ros.messages.health import Health
-from cylconn_ros.messages.prefix import BODIES, STREAM_OF, Forms, body_of
-from cylconn_ros.messages.prefix_decoder_lane import Lane
-from cylconn_ros.messages.templates import Letters
-from cylconn_ros.ros.executor.fused import Parts
+from cylconn_ros.messages.prefix_decoder import PrefixDecoder
+from cylconn_ros.messages.templates import MessageTemplates
+from cylconn_ros.scene.inputs import BODIES, STREAM_NUMBER, STREAMS, WRENCH, InputType, selected
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
 
-POSE = "geometry_msgs/msg/PoseStamped"
-TWIST = "geometry_msgs/msg/TwistStamped"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 STATE = "cylconn_ros/msg/ConnectorState"
 
 COMMAND = "~/command"
-_TYPES = {"pose": POSE, "twist": TWIST, "odom": ODOMETRY, "load": WRENCH}
 STATE_TOPIC, JOINTS_TOPIC = "~/state", "~/joint_state"
 
-# Name, type, in the order of Answer's fields after the stamp.
 OUTPUTS = (
     ("body_a/wrench", WRENCH),
     ("body_b/wrench", WRENCH),
     (STATE_TOPIC, STATE),
     (JOINTS_TOPIC, JOINT_STATE),
 )
+"""Name and type of the outputs, in the order of the messages of a :class:`Response`."""
 
 _JOINTS = (
     layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
@@ -52,10 +46,10 @@ _JOINTS = (
 )  # fmt: skip
 
 
-class Answer(NamedTuple):
-    """The messages that answer a sample.
+class Response(NamedTuple):
+    """The output messages of a sample.
 
-    Without state where nothing could be computed or nobody wants it, and without joint state.
+    State and joint state are None if they are not requested, or if the step failed.
     """
 
     stamp: int  # ns
@@ -66,61 +60,68 @@ class Answer(NamedTuple):
 
 
 class Input(NamedTuple):
-    """A topic that is read: its type, and what takes its messages."""
+    """An input topic: its type, and the function that processes a message."""
 
     type: str
-    receive: Callable[[bytes], Answer | None]
+    receive: Callable[[bytes], Response | None]
 
 
 def input_names(scene: Scene) -> list[str]:
-    """Topics read for a scene: motion and load of every moving body, and commands."""
-    return [*(f"{BODIES[body]}/{topic}" for body, topic in _of_bodies(scene)), COMMAND]
+    """Relative names of the input topics of a scene: motion and load of moving bodies, commands."""
+    return [*(f"{BODIES[body]}/{kind.topic}" for body, kind in _body_inputs(scene)), COMMAND]
 
 
-def _of_bodies(scene: Scene) -> list[tuple[int, str]]:
-    """Body and topic of every input about a body."""
-    motion = ("odom",) if scene.input == "odometry" else ("pose", "twist")
+def _body_inputs(scene: Scene) -> list[tuple[int, InputType]]:
     moving = [index for index, body in enumerate(scene.bodies) if body.kind != "fixed"]
-    return [(body, topic) for body in moving for topic in (*motion, "load")]
+    return [(body, kind) for body in moving for kind in selected(scene.input)]
 
 
-ANY_SAMPLE = np.zeros(layout.NSAMPLE)
-"""A sample that every connector can answer."""
-ANY_SAMPLE[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
-
-# Parameters that what is remembered depends on; a change of these begins a new history.
-_HISTORY = ("input", "period", "method", "latency", "body_", "node_", "reference.")
+VALID_SAMPLE = np.zeros(layout.NSAMPLE)
+"""A sample that every connector can process; used to compile before the first real one."""
+VALID_SAMPLE[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
 
 
-class Answering:
-    """Answer samples that arrive as messages; nothing that arrives makes it raise.
+class PipelineParts(NamedTuple):
+    """The parts of a pipeline that compiled code works on (ros/executor/fused.py)."""
+
+    decoder: PrefixDecoder
+    connector: tuple[int, np.ndarray, np.ndarray, float]  # Connector.kernel_arguments()
+    out: np.ndarray  # (NOUT,)
+    counters: np.ndarray  # (NCOUNTER,)
+    templates: MessageTemplates
+
+
+class MessagePipeline:
+    """Process input messages into responses; no message makes it raise.
 
     Attributes
     ----------
     imposed
-        What is imposed on slide and spin, by the scene or by the last command.
-    held
-        The last message of every load, by relative topic: what acts until the next.
+        Motion or force imposed on slide and spin, by the scene or by the last command.
+    loads
+        The last message of every load, by relative topic name; it acts until the next.
     wanted
-        Whether somebody wants an output that is there for tools, ``~/state`` or ``~/joint_state``.
-    solve
-        What takes a complete sample of a connector that is solved together with others.
+        Function of an output's name: whether ``~/state`` or ``~/joint_state`` is requested.
+    solve_coupled
+        Function that processes a complete sample of a connector that shares bodies with others
+        (messages/coupled_pipeline.py); None for a connector that shares none.
+    continues
+        Whether the history of the previous pipeline continues (:meth:`restore_from`).
 
-    Raises SceneError at construction where the connector cannot serve the scene.
+    Raises SceneError at construction if the connector cannot serve the scene.
     """
 
-    def __init__(self, scene: Scene, previous: Answering | None = None) -> None:
-        """Serve ``scene``, taking over from ``previous`` if given (:meth:`take_over`)."""
+    def __init__(self, scene: Scene, previous: MessagePipeline | None = None) -> None:
+        """Make the pipeline of a scene; with ``previous``, see :meth:`restore_from`."""
         self.scene = scene
         self.connector = Connector(scene)
-        self._prepare()
         self.imposed = joint_command.in_scene(scene.command)
-        self.held: dict[str, bytes] = {}
+        self.loads: dict[str, bytes] = {}
         self.matcher = SampleMatcher(scene)
         self.wanted: Callable[[str], bool] = lambda _: True
-        self.solve: Callable[[Matched, float], Answer | None] | None = None
-        self.lane, self._forms = Lane(self.matcher), Forms(scene)
-        self._seen: tuple[tuple[int, bytes], ...] = ()  # held when somebody last looked
+        self.solve_coupled: Callable[[SynchronizedSample, float], Response | None] | None = None
+        self.decoder = PrefixDecoder(scene, self.matcher)
+        self._pending_before: tuple[tuple[int, bytes], ...] = ()  # at the last flush()
         self.health = Health()
         self.inputs = self._make_inputs()
         self._out = np.zeros(layout.NOUT)
@@ -129,7 +130,7 @@ class Answering:
         self._wrenches = [StampedWriter(frame) for frame in frames]
         self._state = StateWriter(scene.body_a.frame, self.connector.method)
         self._joints = JointStateWriter(scene.body_a.frame, joint_command.COMPONENTS)
-        self.letters = Letters(
+        self.templates = MessageTemplates(
             [
                 *(writer.write(0, np.zeros(6)) for writer in self._wrenches),
                 self._state.write(0, self._out),
@@ -141,39 +142,40 @@ class Answering:
                 self._joints.blocks,
             ],
         )
-        self.letters.write(0, self._out)  # compiled now
-        self._answered: int | None = None  # the stamp of the last answer, which ``out`` holds
+        self._compile()
+        self._last_stamp: int | None = None  # of the sample whose outputs are in ``out``
         self.continues = False
         if previous is not None:
-            self.take_over(previous)
+            self.restore_from(previous)
 
-    def _prepare(self) -> None:
-        """Have everything compiled now, not while a sample waits."""
-        self.connector.step(ANY_SAMPLE, 1e-3)
+    def _compile(self) -> None:
+        """Compile everything now, so that no sample has to wait for it."""
+        self.connector.step(VALID_SAMPLE, 1e-3)
         self.connector.reset()
-        prefix_decoder_lane.prepare(self.scene)
-        statistics.note_one(np.zeros(statistics.NTALLY), np.zeros(layout.NOUT), 0.0, 0.0)
+        self.decoder.prepare()
+        statistics.count_one(np.zeros(statistics.NCOUNTER), np.zeros(layout.NOUT), 0.0, 0.0)
+        self.templates.write(0, self._out)
 
-    def take_over(self, previous: Answering) -> None:
-        """Take the counts of ``previous``, which is not to be used again, and what it has in force.
+    def restore_from(self, previous: MessagePipeline) -> None:
+        """Adopt counts, loads and commands of ``previous``, which must not be used afterwards.
 
-        It also hands over its history where the change of scene allows it (:attr:`continues`), and
-        what commands impose where the scene's own ``command`` has not changed.
+        The history continues if the change of the scene allows it (:attr:`continues`). A command
+        stays in force for a component whose parameters in ``command`` have not changed.
         """
-        self.continues = _same(previous.scene, self.scene, _HISTORY)
+        self.continues = self.scene.keeps_history(previous.scene)
         self.health, self.wanted = previous.health, previous.wanted
-        self.held = {name: data for name, data in previous.held.items() if name in self.inputs}
-        self.matcher.take_over(previous.matcher, history=self.continues)
+        self.loads = {name: data for name, data in previous.loads.items() if name in self.inputs}
+        self.matcher.restore_from(previous.matcher, history=self.continues)
         if self.continues:
             self.connector.memory = previous.connector.memory
-            self._out[:], self._answered = previous._out, previous._answered
+            self._out[:], self._last_stamp = previous._out, previous._last_stamp
         memory = self.connector.memory
         kept = self.keep_imposed(previous)
-        self.connector.memory = memory  # imposed motion goes on from where it has got to
+        self.connector.memory = memory  # imposed motion continues from its present position
         self._impose({name: new for name, new in self.imposed.items() if name not in kept})
 
-    def keep_imposed(self, previous: Answering) -> dict[str, joint_command.Imposition]:
-        """Impose what ``previous`` does by command; raises ValueError where the method cannot."""
+    def keep_imposed(self, previous: MessagePipeline) -> dict[str, joint_command.Imposition]:
+        """Impose what commands impose on ``previous``; raises ValueError if the method cannot."""
         kept = {
             name: imposed
             for name, imposed in previous.imposed.items()
@@ -183,62 +185,68 @@ class Answering:
         return kept
 
     def reset(self) -> None:
-        """Forget the reference configuration and all history; the next sample begins a new one.
+        """Forget the reference configuration and the history; loads and commands stay.
 
-        Loads and commands hold.
+        The next sample begins a new history.
         """
-        self.connector.begin_anew()
-        self.lane.give_back(self._ordinary)
-        self.matcher.forget()
-        self._answered = None
+        self.connector.reset(keep_in_flight=True)
+        self.decoder.replay_pending(self._use_reference_path)
+        self.matcher.reset()
+        self._last_stamp = None
 
-    def settle(self) -> None:
-        """Count what is held for a sample that does not go on; to be called now and then."""
-        held = self.lane.held
-        if held and held == self._seen:
-            self.lane.give_back(self._ordinary)
-        self._seen = held
+    def flush(self) -> None:
+        """Count the messages of a partial sample that made no progress since the previous call.
+
+        To be called periodically.
+        """
+        pending = self.decoder.pending
+        if pending and pending == self._pending_before:
+            self.decoder.replay_pending(self._use_reference_path)
+        self._pending_before = pending
 
     def release(self) -> None:
-        """Impose what the scene's parameters say, whatever was commanded."""
+        """End all commands: impose only what the scene's parameters state."""
         self._impose(joint_command.in_scene(self.scene.command))
 
     @property
     def scene_in_force(self) -> Scene:
-        """The scene with what commands impose in the place of its own ``command``."""
+        """The scene, with the commands in force in place of its parameters ``command``."""
         return dataclasses.replace(self.scene, command=joint_command.as_parameters(self.imposed))
 
     @property
-    def parts(self) -> Parts:
-        """What answers, for :class:`~cylconn_ros.ros.executor.fused.Straight` to work on."""
-        return Parts(self.lane, self.connector.lend(), self._out, self.health.numbers, self.letters)
+    def parts(self) -> PipelineParts:
+        """The arrays for compiled code; they stay the same ones."""
+        connector = self.connector.kernel_arguments()
+        return PipelineParts(
+            self.decoder, connector, self._out, self.health.numbers, self.templates
+        )
 
     @property
     def timing(self) -> slice:
-        """The bytes of a state that tell how long the answer took."""
+        """The bytes of the computing time in a state message."""
         return self._state.timing
 
     @property
     def out(self) -> np.ndarray:
-        """(NOUT,) the numbers of the last answer (core/layout.py)."""
+        """(NOUT,) the outputs of the last sample (core/layout.py)."""
         return self._out
 
     @property
     def between_samples(self) -> bool:
-        """Whether samples have come, and nothing is held for the next."""
+        """Whether a sample was processed and no message of the next was received."""
         matcher = self.matcher
-        return not (self.lane.held or matcher.waiting or matcher.last_stamp is None)
+        return not (self.decoder.pending or matcher.has_pending or matcher.last_stamp is None)
 
-    def went_on(self, stamp: int, before: int | None, samples: int) -> None:
-        """Take note of ``samples`` that were answered elsewhere, with the arrays of this.
+    def advance(self, stamp: int, before: int | None, samples: int) -> None:
+        """Take note of ``samples`` that compiled code processed with the arrays of this pipeline.
 
         ``stamp`` and ``before``: of the last of them, and of the one before it, if any.
         """
-        self.matcher.went_on(stamp, before, samples)
-        self._answered = stamp
+        self.matcher.advance(stamp, before, samples)
+        self._last_stamp = stamp
 
     def rows(self, name: str, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
-        """(n, bytes) uint8: messages of an output for (n,) stamps in ns, (n, NOUT) answers."""
+        """(n, bytes) uint8: messages of an output for (n,) stamps in ns and (n, NOUT) outputs."""
         if name == STATE_TOPIC:
             return self._state.rows(stamps, outs)
         if name == JOINTS_TOPIC:
@@ -247,63 +255,61 @@ class Answering:
         at = (layout.FORCE_A, layout.FORCE_B)[body]
         return self._wrenches[body].rows(stamps, outs[:, at : at + 6])
 
-    def zero(self) -> Answer | None:
-        """Zero wrenches for when samples have stopped, or None where none was ever answered.
+    def zero(self) -> Response | None:
+        """Zero wrenches for a timeout of the input; None if no sample was processed before.
 
-        Their stamp is one nanosecond after the last sample's: the newest for whoever applies the
-        newest wrench, and never the stamp a plant in lock step is waiting for.
+        Their stamp is one nanosecond after the last sample's: the newest for a simulator that
+        applies the newest wrench, and never the stamp that a simulator in lock step waits for.
         """
-        return None if self._answered is None else self._only_wrenches(self._answered + 1)
+        return None if self._last_stamp is None else self._zero_wrenches(self._last_stamp + 1)
 
     def _make_inputs(self) -> dict[str, Input]:
         inputs: dict[str, Input] = {}
-        for body, topic in _of_bodies(self.scene):
-            name = f"{BODIES[body]}/{topic}"
-            if name in STREAM_OF:
-                receive = functools.partial(self._motion, STREAM_OF[name])
+        for body, kind in _body_inputs(self.scene):
+            name = f"{BODIES[body]}/{kind.topic}"
+            if kind.carries_motion:
+                receive = functools.partial(self._process_motion, STREAM_NUMBER[name])
             else:
-                receive = functools.partial(self._receive, functools.partial(self._load, body))
-            inputs[name] = Input(_TYPES[topic], receive)
-        inputs[COMMAND] = Input(JOINT_STATE, functools.partial(self._receive, self._command))
+                load = functools.partial(self._set_load, body, kind)
+                receive = functools.partial(self._process, load)
+            inputs[name] = Input(kind.type, receive)
+        inputs[COMMAND] = Input(JOINT_STATE, functools.partial(self._process, self._command))
         return inputs
 
-    def _motion(self, stream: int, data: bytes) -> Answer | None:
-        """Take what tells a motion: by the express lane, or else on the ordinary way."""
-        taken = self.lane.take(stream, data)
-        if taken is True:
+    def _process_motion(self, stream: int, data: bytes) -> Response | None:
+        """Process a pose, twist or odometry message: fast path if it matches, else decode."""
+        found = self.decoder.process(stream, data)
+        if found is True:
             return None
-        if taken is False:
-            self.lane.give_back(self._ordinary)
-            return self._ordinary(stream, data)
+        if found is False:
+            self.decoder.replay_pending(self._use_reference_path)
+            return self._use_reference_path(stream, data)
         try:
-            return self._serve(taken, time.perf_counter())
+            return self._step(found, time.perf_counter())
         except Exception as error:
-            return self._failed(error, taken)
+            return self._fail(error, found)
 
-    def _ordinary(self, stream: int, data: bytes) -> Answer | None:
-        return self._receive(functools.partial(self._decode, stream), data)
+    def _use_reference_path(self, stream: int, data: bytes) -> Response | None:
+        """Process a message of motion on the reference path."""
+        return self._process(functools.partial(self._decode, stream), data)
 
-    def _decode(self, stream: int, data: bytes) -> Matched | None:
-        """Take a message on the ordinary way, and let those like it take the express lane."""
-        self.lane.learn(stream, self._forms.of(stream, data), data)
-        matcher, body = self.matcher, body_of(stream)
-        if stream >= len(STREAMS):
-            stamp, frame, child, pose, twist = cdr_decoder.read_odometry(data)
-            return matcher.odometry(body, stamp, (frame, child), pose, twist)
-        if stream & 1:
-            return matcher.twist(body, *cdr_decoder.read_twist(data))
-        return matcher.pose(body, *cdr_decoder.read_pose(data))
+    def _decode(self, stream: int, data: bytes) -> SynchronizedSample | None:
+        """Decode a message, and make its prefix the known one of the stream."""
+        self.decoder.learn(stream, data)
+        body, kind = STREAMS[stream]
+        stamp, frame, child, pose, twist = cdr_decoder.read_input(kind, data)
+        return self.matcher.motion(body, stamp, (frame, child), pose, twist)
 
-    def _load(self, body: int, data: bytes) -> None:
-        _, frame, load = cdr_decoder.read_wrench(data)
-        self.matcher.load(body, frame, load)
-        self.held[f"{BODIES[body]}/load"] = data
+    def _set_load(self, body: int, kind: InputType, data: bytes) -> None:
+        message = cdr_decoder.read_input(kind, data)
+        self.matcher.load(body, message.frame, message.pair)
+        self.loads[f"{BODIES[body]}/{kind.topic}"] = data
 
     def _command(self, data: bytes) -> None:
         try:
             self._impose(joint_command.read(cdr_decoder.read_joint_state(data)))
             self.health.commands += 1
-        except joint_command.CommandError as error:
+        except joint_command.JointCommandError as error:
             self.health.refused += 1
             self.health.refusal = str(error)
 
@@ -312,61 +318,66 @@ class Answering:
             self.connector.impose(name, *imposition)
             self.imposed[name] = imposition
 
-    def _receive(self, take: Callable[[bytes], Matched | None], data: bytes) -> Answer | None:
-        """Take one message; the answer where it completes a sample."""
+    def _process(
+        self, handle: Callable[[bytes], SynchronizedSample | None], data: bytes
+    ) -> Response | None:
+        """Process one message with its handler; the response if it completes a sample."""
         begin = time.perf_counter()
-        matched = None
+        sample = None
         try:
-            matched = take(data)
-            return None if matched is None else self._serve(matched, begin)
+            sample = handle(data)
+            return None if sample is None else self._step(sample, begin)
         except cdr_decoder.CdrError as error:
             self.health.undecodable += 1
             self.health.undecodable_text = str(error)
             return None
         except Exception as error:
-            return self._failed(error, matched)
+            return self._fail(error, sample)
 
-    def _failed(self, error: Exception, matched: Matched | None) -> Answer | None:
-        """Go on: counted, reported, and no force."""
+    def _fail(self, error: Exception, sample: SynchronizedSample | None) -> Response | None:
+        """Count an unexpected exception; the response to a complete sample is zero wrenches."""
         self.health.failed += 1
         self.health.failure = f"{type(error).__name__}: {error}"
-        if matched is None:
+        if sample is None:
             return None
-        self._out[:], self._answered = 0.0, matched.stamp
-        return self._only_wrenches(matched.stamp)
+        self._out[:], self._last_stamp = 0.0, sample.stamp
+        return self._zero_wrenches(sample.stamp)
 
-    def _serve(self, matched: Matched, begin: float) -> Answer | None:
-        if matched.repeated and self._answered is not None:
-            return self._write(self._answered)
-        if self.solve is not None:
-            return self.solve(matched, begin)
-        if matched.restarted:
-            self.connector.begin_anew()
-        self.connector.step(self.matcher.sample, matched.h, self._out)
-        return self.finish(matched.stamp, matched.h, begin)
+    def _step(self, sample: SynchronizedSample, begin: float) -> Response | None:
+        if sample.repeated and self._last_stamp is not None:
+            return self._write(self._last_stamp)
+        if self.solve_coupled is not None:
+            return self.solve_coupled(sample, begin)
+        if sample.restarted:
+            self.connector.reset(keep_in_flight=True)
+        self.connector.step(self.matcher.sample, sample.h, self._out)
+        return self.finish(sample.stamp, sample.h, begin)
 
-    def finish(self, stamp: int, h: float, begin: float) -> Answer:
-        """The answer in :attr:`out` to the sample at ``stamp``; computing began at ``begin``."""
+    def finish(self, stamp: int, h: float, begin: float) -> Response:
+        """The response to the sample at ``stamp``, whose outputs are in :attr:`out`.
+
+        ``h``: s since the sample before; ``begin``: begin of the computation (perf_counter, s).
+        """
         out = self._out
         out[layout.COMPUTING_TIME] = time.perf_counter() - begin
-        self._answered = stamp
-        statistics.note_one(self.health.numbers, out, h, self.scene.period)
+        self._last_stamp = stamp
+        statistics.count_one(self.health.numbers, out, h, self.scene.period)
         return self._write(stamp)
 
-    def _write(self, stamp: int) -> Answer:
-        letters = self.letters
-        letters.write(stamp, self._out)
-        state = letters.message(2) if self.wanted(STATE_TOPIC) else None
-        joints = letters.message(3) if self.wanted(JOINTS_TOPIC) else None
-        return Answer(stamp, letters.message(0), letters.message(1), state, joints)
+    def _write(self, stamp: int) -> Response:
+        templates = self.templates
+        templates.write(stamp, self._out)
+        state = templates.message(2) if self.wanted(STATE_TOPIC) else None
+        joints = templates.message(3) if self.wanted(JOINTS_TOPIC) else None
+        return Response(stamp, templates.message(0), templates.message(1), state, joints)
 
-    def _only_wrenches(self, stamp: int) -> Answer:
-        nothing = np.zeros(6)
-        wrenches = [writer.write(stamp, nothing) for writer in self._wrenches]
-        return Answer(stamp, wrenches[0], wrenches[1], None, None)
+    def _zero_wrenches(self, stamp: int) -> Response:
+        zero = np.zeros(6)
+        wrenches = [writer.write(stamp, zero) for writer in self._wrenches]
+        return Response(stamp, wrenches[0], wrenches[1], None, None)
 
 
-def _same(before: Scene, after: Scene, beginning: str | tuple[str, ...]) -> bool:
-    """Whether the parameters whose names begin so have not changed."""
+def _same(before: Scene, after: Scene, beginning: str) -> bool:
+    """Whether the parameters whose names begin with ``beginning`` have not changed."""
     old, new = before.parameters(), after.parameters()
     return all(show(old[name]) == show(new[name]) for name in old if name.startswith(beginning))

@@ -1,6 +1,7 @@
-"""What the messages of a topic have in common: all but their stamps and numbers.
+"""Constant prefix of a topic's messages: the bytes between stamp and numbers.
 
-Whoever knows it need not decode them: a message of the same form is numbers at known places.
+The messages of one publisher differ only in their stamp and numbers. With the prefix of one message
+known, the numbers of the next are at fixed offsets and need no decoding.
 """
 
 from __future__ import annotations
@@ -10,87 +11,110 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector import synchronizer
-from cylconn_ros.core.jit import device_function
 from cylconn_ros.messages import cdr_decoder
+from cylconn_ros.scene.inputs import ABSENT, STREAMS
 from cylconn_ros.scene.scene import Scene
 
-BODIES: Final = ("body_a", "body_b")
-STREAMS: Final = 6  # poses and twists of both bodies as in matching.STREAMS, then both odometries
-ODOMETRIES: Final = 4  # the first of these
-STREAM_OF = {
-    name: k for k, name in enumerate((*synchronizer.STREAMS, *(f"{body}/odom" for body in BODIES)))
-}
-"""Streams by the relative name of their topic."""
+MAX_WORDS: Final = 64
+"""Greatest length of a prefix, in words of eight bytes."""
+FIRST_WORD: Final = 12
+"""Offset of a prefix in the message: after encapsulation header and stamp."""
 
-MOST_WORDS: Final = 64  # of eight bytes, between stamp and numbers
-_POSE, _TWIST, _ODOMETRY = range(3)
-_KINDS = (_POSE, _TWIST, _POSE, _TWIST, _ODOMETRY, _ODOMETRY)
-
-
-@device_function
-def body_of(stream: int) -> int:
-    """Whether a stream is of body A (0) or B (1)."""
-    return stream >> 1 if stream < ODOMETRIES else stream - ODOMETRIES
+# Columns of a PrefixTable, one row a stream. Offsets are in bytes from the begin of a message.
+SIZE: Final = 0  # bytes of a message; -1: no prefix known
+WORDS: Final = 1  # words of eight bytes in the prefix
+POSE: Final = 2  # offset of the pose, or ABSENT
+TWIST: Final = 3  # offset of the twist, or ABSENT
+IN_BODY_AXES: Final = 4  # 1: the twist is in body axes
+UNKNOWN_FRAMES: Final = 5  # frames of a message that are no frame of the scene
+BODY: Final = 6  # 0: A, 1: B
+QUANTITIES: Final = 7  # bits of the quantities, as in connector/synchronizer.py
+NCOLUMN: Final = 8
 
 
-class Form(NamedTuple):
-    """What the messages of a stream have in common.
+class MessagePrefix(NamedTuple):
+    """The common properties of all messages with one prefix."""
 
-    numbers: (4,) where the numbers begin, bytes of a message, where an odometry's twist begins,
-    words between stamp and numbers. words: those (64,). turned: whether the twist is in body axes.
-    foreign: frames of a message that name no frame of the scene.
-    """
-
-    numbers: NDArray[np.int64]
-    words: NDArray[np.uint64]
-    turned: bool
-    foreign: int
+    size: int  # bytes of a message
+    words: NDArray[np.uint64]  # (k,) the prefix
+    numbers: int  # offset of the block of numbers
+    in_body_axes: bool  # the twist is in body axes
+    unknown_frames: int  # frames that are no frame of the scene
 
 
-class Frames(NamedTuple):
-    """Names by which a message's axes are known."""
+class _Frames(NamedTuple):
+    """Names of the frames in which a body's quantities may be given."""
 
     world: str
     body: str
-    twist_in_world: bool  # where a twist's frame says neither
+    twist_in_world: bool  # a twist with any other frame is in world axes
 
 
-class Forms:
-    """Tell the forms of messages that are meant for a scene."""
+class PrefixTable:
+    """The known prefix of every stream, as arrays for compiled code.
+
+    Attributes
+    ----------
+        columns: (NSTREAM NCOLUMN,) int64, a row a stream.
+        words: (NSTREAM MAX_WORDS,) uint64, the prefixes.
+    """
 
     def __init__(self, scene: Scene) -> None:
+        """Begin without a prefix; ``scene`` states the names of the frames."""
         by_default = scene.twist_axes == "world"
-        self._frames = [Frames(scene.world_frame, body.frame, by_default) for body in scene.bodies]
+        self._frames = [_Frames(scene.world_frame, body.frame, by_default) for body in scene.bodies]
+        self.columns = np.full(len(STREAMS) * NCOLUMN, -1, np.int64)
+        self.words = np.zeros(len(STREAMS) * MAX_WORDS, np.uint64)
+        for number, (body, kind) in enumerate(STREAMS):
+            bits = (kind.pose != ABSENT) | (kind.twist != ABSENT) << 1
+            self.columns[number * NCOLUMN + BODY] = body
+            self.columns[number * NCOLUMN + QUANTITIES] = bits << 2 * body
 
-    def of(self, stream: int, data: bytes) -> Form | None:
-        """The form of a message, or None where others like it have to go the ordinary way."""
-        return _form(_KINDS[stream], data, self._frames[body_of(stream)])
+    def prefix_of(self, stream: int, data: bytes) -> MessagePrefix | None:
+        """The prefix of a message; None if its numbers cannot be read at fixed offsets.
 
+        That is so for a message that cannot be decoded, has another byte order or padding at its
+        end, or has a prefix of more than MAX_WORDS.
+        """
+        body, kind = STREAMS[stream]
+        world, own, twist_in_world = self._frames[body]
+        try:
+            message = cdr_decoder.read_input(kind, data)
+        except cdr_decoder.CdrError:
+            return None
+        frame, child = message.frame, message.child_frame
+        unknown, turned = 0, False
+        if kind.pose != ABSENT:
+            unknown += frame not in ("", world)
+        if kind.twist != ABSENT and child is not None:
+            turned = child != world
+            unknown += child not in (world, own, "")
+        elif kind.twist != ABSENT:
+            known = frame in (world, own)
+            turned = frame != world if known else not twist_in_world
+            unknown += bool(frame) and not known
+        at = len(data) - kind.size
+        count = (at - FIRST_WORD) // 8
+        if data[:4] != b"\x00\x01\x00\x00" or (at - 4) % 8 or not 0 <= count <= MAX_WORDS:
+            return None
+        words = np.frombuffer(data, "<u8", count, FIRST_WORD)
+        return MessagePrefix(len(data), words, at, turned, unknown)
 
-def _form(kind: int, data: bytes, frames: Frames) -> Form | None:
-    try:
-        if kind == _ODOMETRY:
-            _, frame, child, _, _ = cdr_decoder.read_odometry(data)
-            turned, foreign = child != frames.world, int(frame not in ("", frames.world))
-            foreign += child not in (frames.world, frames.body, "")
-            size = 8 * (7 + 36 + 6 + 36)
-        elif kind == _POSE:
-            frame = cdr_decoder.read_pose(data).frame
-            turned, foreign, size = False, int(frame not in ("", frames.world)), 8 * 7
-        else:
-            frame = cdr_decoder.read_twist(data).frame
-            known = frame in (frames.world, frames.body)
-            turned = frame == frames.body if known else not frames.twist_in_world
-            turned = turned and frame != frames.world
-            foreign, size = int(bool(frame) and not known), 8 * 6
-    except cdr_decoder.CdrError:
-        return None
-    at = len(data) - size
-    count = (at - 12) // 8
-    if data[:4] != b"\x00\x01\x00\x00" or (at - 4) % 8 or not 0 <= count <= MOST_WORDS:
-        return None
-    words = np.zeros(MOST_WORDS, np.uint64)
-    words[:count] = np.frombuffer(data, "<u8", count, 12)
-    numbers = np.array([at, len(data), at + 8 * (7 + 36), count], np.int64)
-    return Form(numbers, words, turned, foreign)
+    def learn(self, stream: int, data: bytes) -> None:
+        """Make the prefix of a message the known prefix of its stream."""
+        prefix = self.prefix_of(stream, data)
+        row = self.columns[stream * NCOLUMN : (stream + 1) * NCOLUMN]
+        row[SIZE] = -1
+        if prefix is None:
+            return
+        kind = STREAMS[stream].kind
+        begin = stream * MAX_WORDS
+        self.words[begin : begin + len(prefix.words)] = prefix.words
+        row[WORDS], row[SIZE] = len(prefix.words), prefix.size
+        row[POSE] = prefix.numbers + kind.pose if kind.pose != ABSENT else ABSENT
+        row[TWIST] = prefix.numbers + kind.twist if kind.twist != ABSENT else ABSENT
+        row[IN_BODY_AXES], row[UNKNOWN_FRAMES] = prefix.in_body_axes, prefix.unknown_frames
+
+    def size(self, stream: int) -> int:
+        """Bytes of a message with the known prefix of a stream; -1 if no prefix is known."""
+        return int(self.columns[stream * NCOLUMN + SIZE])

@@ -1,15 +1,15 @@
-"""What the topics of a connector are called: below its name, where it has one."""
+"""Topic names and log prefixes of a connector; both begin with its name, if it has one."""
 
 from __future__ import annotations
 
 
 def topic(connector: str, name: str) -> str:
-    """A relative or private name, as a connector of that name has it."""
+    """The relative or private topic name below the name of a connector ("": none)."""
     if not connector:
         return name
     return f"~/{connector}/{name[2:]}" if name.startswith("~/") else f"{connector}/{name}"
 
 
-def said(connector: str, text: str) -> str:
-    """A line about a connector."""
+def prefix_log(connector: str, text: str) -> str:
+    """A log message about a connector ("": the only one)."""
     return f"{connector}: {text}" if connector else text

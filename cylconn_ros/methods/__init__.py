@@ -1,1 +1,1 @@
-"""The methods: one file each, one signature, ``step(par, mem, sample, h, out)``."""
+"""Methods: one module each with ``step(par, mem, sample, h, out)``; traits.py is their table."""

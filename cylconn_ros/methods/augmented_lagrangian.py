@@ -1,36 +1,35 @@
-r"""Unknown inertia without giving way: a multiplier gathers what the penalty's spring carries.
+r"""Method augmented_lagrangian, unknown inertia: a multiplier takes over the load of the spring.
 
     lambda <- lambda - rho k e
     f_c     = lambda - k e - c w_c         e the constraint's error, w_c its rate
 
-At rest the spring's share has wandered into lambda and e is zero, where the penalty method gives
-by load/k. rho is `penalty.multiplier_gain`; by default k h/(32 c), at most 0.1. Friction is that of
-the penalty method: elastic stick, brought back onto the disc.
+In steady state lambda carries the whole load and e is zero, whereas the penalty method deflects by
+load/k. rho is `penalty.multiplier_gain`; by default k h/(32 c), at most 0.1. Friction is that of
+the penalty method: elastic stick, returned radially onto the friction disc.
 
-What it costs: lambda follows a changing load with a lag of h/rho, during which e is not zero; and a
-third gain that can be unstable. Unstable gains are seen and lowered (methods/passivity_controller.py), which is
-flagged GAINS_LOWERED.
+Drawbacks: lambda follows a changing load with a lag of h/rho, during which e is not zero; and rho
+is a third gain that can be unstable. The passivity controller detects unstable gains and lowers
+them (methods/passivity_controller.py), which sets the flag GAINS_LOWERED.
 """
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function
-from cylconn_ros.core.relative_state import observe
+from cylconn_ros.core.relative_state import measure
 from cylconn_ros.methods import passivity_controller, penalty
 
 
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
-    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
-    o = observe(par, mem, sample, out)
+    """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
+    o = measure(par, mem, sample, out)
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
     y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]), h)
     m2, m3, low_too = _block(par, mem, 1, par[at + 1], par[at + 3], (e[2], e[3]), (w[1], w[2]), h)
-    flags = penalty.answer(par, mem, out, o, (y, z, m2, m3), h)
+    flags = penalty.write_outputs(par, mem, out, o, (y, z, m2, m3), h)
     if low or low_too:
-        flags |= out_at.GAINS_LOWERED
+        flags |= layout.GAINS_LOWERED
     return flags
 
 
@@ -45,12 +44,15 @@ def _block(
     w: tuple[float, float],
     h: float,
 ) -> tuple[float, float, bool]:
-    """The constraint force on two components: offsets (block 0) or swings (1)."""
-    to, at = model.MULTIPLIER + 2 * block, model.GUARD + passivity_controller.SIZE * block
+    """Constraint force on two components: offsets (block 0) or swings (1)."""
+    to, at = (
+        model.MULTIPLIER + 2 * block,
+        model.PASSIVITY_CONTROLLER + passivity_controller.SIZE * block,
+    )
     explicit, rho = model.output(par).semi_implicit, par[model.AUGMENTED]
-    g = passivity_controller.gains(mem, at, k, c, rho, h, explicit)
-    passivity_controller.watch(mem, at, g, e, w, (mem[to], mem[to + 1]))
-    g = passivity_controller.gains(mem, at, k, c, rho, h, explicit)
+    g = passivity_controller.adapted_gains(mem, at, k, c, rho, h, explicit)
+    passivity_controller.update(mem, at, g, e, w, (mem[to], mem[to + 1]))
+    g = passivity_controller.adapted_gains(mem, at, k, c, rho, h, explicit)
     mem[to] -= g.rho * g.k * e[0]
     mem[to + 1] -= g.rho * g.k * e[1]
     f1 = mem[to] - g.k * e[0] - g.c * w[0]

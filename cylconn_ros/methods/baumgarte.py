@@ -1,37 +1,36 @@
-r"""Known inertia, the textbook way: accelerations, Baumgarte's feedback, regularised friction.
+r"""Method baumgarte, known inertia: accelerations, Baumgarte's feedback, regularised friction.
 
     M a = applied + J^T Lambda                         at the sample, then held over the period
     (J a + J' v)_c = -2 alpha w_c - beta^2 e           e the constraint's error, w_c its rate
     phi = -mu FN s / sqrt(s^2 + v0^2)                  s the sample's slip velocity
 
-Differentiating the constraint twice leaves drift, which the feedback turns into a damped
-oscillation (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1, 1972). alpha = beta = 0.2/h unless
-given: critical, and well within what a held force allows, beta^2 h/4 < alpha < 1/h.
+The constraint differentiated twice drifts; the feedback turns the drift into a damped oscillation
+(J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1, 1972). alpha = beta = 0.2/h unless given:
+critical damping, and within the stability bound of a held force, beta^2 h/4 < alpha < 1/h.
 
-FN is made of the same instant's reactions, these of friction: along -s one scalar equation for the
-traction P, of which the least solution is taken (core/traction.py).
+FN follows from the reactions of the same instant, and these depend on friction: one scalar equation
+along -s for the traction P, whose least solution is used (core/traction.py).
 
-What it cannot do: hold. Below v0 the law is viscous, so that a loaded sleeve creeps. And as the
-slip velocity is the sample's, friction is never more than what takes the slip away within the
-period: with a small v0 a load creeps at the speed that it gains in a period. Where no finite P
-exists (jam), that bound is what acts. There are no stops, locks or imposed motion: events have no
-place in an acceleration. First order, as the wrench is that of the period's start.
+Limitations: no stick. Below v0 the law is viscous, so that a loaded sleeve creeps. Since the slip
+velocity is that of the sample, friction is limited to the force that removes the slip within the
+period: with a small v0 a load creeps at the speed that it gains in a period. If no finite P exists
+(jam), this bound acts. There are no stops, locks or imposed motion, since events cannot be
+expressed by an acceleration. First order, since the wrench is that of the start of the period.
 """
 
 import math
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
-from cylconn_ros.core.delassus import of_body, of_both, swung
+from cylconn_ros.core import layout, model
+from cylconn_ros.core.delassus import in_swing_axes, of_body, sum_of_bodies
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import imposed_force
 from cylconn_ros.core.kinematics import Frame, Twist, into_swung
 from cylconn_ros.core.output_wrenches import write_contact, write_forces, write_wrenches
-from cylconn_ros.core.relative_state import Observed, observe
+from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
 from cylconn_ros.core.small_matrices import Four
-from cylconn_ros.core.traction import least_traction, moved
+from cylconn_ros.core.traction import least_traction, reactions_at
 from cylconn_ros.core.vectors import (
     Vector,
     add,
@@ -44,21 +43,20 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.complementarity import Reduced, reactions
-from cylconn_ros.methods.impulse import eliminated, pulled, unmet
+from cylconn_ros.methods.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.impulse import constraint_residual, correction_rate, eliminate_constraint
 
-FEEDBACK = 0.2  # alpha h and beta h where they are not given
-STOPPED_AFTER = 3
+FEEDBACK = 0.2  # default of alpha h and beta h
 
 
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
-    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
-    o = observe(par, mem, sample, out)
+    """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
+    o = measure(par, mem, sample, out)
     body_a, body_b = o.body_a, o.body_b
     f = o.frame
-    g = swung(
-        of_both(
+    g = in_swing_axes(
+        sum_of_bodies(
             of_body(body_a, f.axes, o.a.orientation, f.arm_a),
             of_body(body_b, f.axes, o.b.orientation, f.arm_b),
         ),
@@ -66,16 +64,16 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     )
     free = _relative_acceleration(
         f, o,
-        _acceleration(par, body_a, o.a, sample, out_at.A_LOAD),
-        _acceleration(par, body_b, o.b, sample, out_at.B_LOAD),
+        _acceleration(par, body_a, o.a, sample, layout.A_LOAD),
+        _acceleration(par, body_b, o.b, sample, layout.B_LOAD),
     )  # fmt: skip
     none = Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     target, far = _target(par, o, h)
-    r = eliminated(g, free, none, target, 1.0)
+    r = eliminate_constraint(g, free, none, target, 1.0)
 
     at, ref = model.ELASTICITY, model.REFERENCE
-    u1 = o.length - model.given(par[ref + 2], mem[model.LENGTH0])
-    ur = o.angle - model.given(par[ref + 3], mem[model.ANGLE0])
+    u1 = o.length - model.value_or(par[ref + 2], mem[model.LENGTH0])
+    ur = o.angle - model.value_or(par[ref + 3], mem[model.ANGLE0])
     spring = (-par[at] * u1, -par[at + 1] * ur)
     damper = (-par[at + 2] * o.twist.v[0], -par[at + 3] * o.twist.w[0])
     drive = (imposed_force(par, 0), imposed_force(par, 1))
@@ -87,18 +85,20 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     c = reactions(r, f1, m1)
     force, moment = (f1, c[0], c[1]), (m1, c[2], c[3])
     write_forces(out, force, moment)
-    out[out_at.FORCE_ELASTIC], out[out_at.MOMENT_ELASTIC] = spring
-    out[out_at.FORCE_VISCOUS], out[out_at.MOMENT_VISCOUS] = damper
-    out[out_at.FORCE_FRICTION], out[out_at.MOMENT_FRICTION] = friction
-    out[out_at.FORCE_ACTUATION], out[out_at.MOMENT_ACTUATION] = drive
-    out[out_at.ACCUMULATED_SLIP] = mem[model.SLIPPED]
-    out[out_at.STOP_TIME] = -1.0
-    out[out_at.RESIDUAL] = max(residual, unmet(g, free, none, target, force, moment, 1.0))
+    out[layout.FORCE_ELASTIC], out[layout.MOMENT_ELASTIC] = spring
+    out[layout.FORCE_VISCOUS], out[layout.MOMENT_VISCOUS] = damper
+    out[layout.FORCE_FRICTION], out[layout.MOMENT_FRICTION] = friction
+    out[layout.FORCE_ACTUATION], out[layout.MOMENT_ACTUATION] = drive
+    out[layout.ACCUMULATED_SLIP] = mem[model.ACCUMULATED_SLIP]
+    out[layout.STOP_TIME] = -1.0
+    out[layout.RESIDUAL] = max(
+        residual, constraint_residual(g, free, none, target, force, moment, 1.0)
+    )
     flags |= o.flags
     if far:
-        flags |= out_at.MISALIGNED
-    if mem[model.STUCK] >= STOPPED_AFTER:
-        flags |= out_at.STOPPED
+        flags |= layout.MISALIGNED
+    if mem[model.STICK_SAMPLES] >= layout.STOPPED_SAMPLES:
+        flags |= layout.STOPPED
     return flags | write_wrenches(
         par, mem, out, f, force, moment, body_a, body_b, o.a, o.b,
         turned(o.a.orientation, scale(0.5 * h, o.a.spin)),
@@ -110,7 +110,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
 def _acceleration(
     par: Array, body: Body, m: Motion, sample: Array, at: int
 ) -> tuple[Vector, Vector]:
-    """Of the mass centre and of the turning, under gravity and the load at ``at``."""
+    """Linear and angular acceleration under gravity and the load at index ``at``."""
     if not body.free:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     load = model.vector(sample, at)
@@ -122,7 +122,7 @@ def _acceleration(
 
 @device_function
 def _relative_acceleration(
-    f: Frame, o: Observed, a: tuple[Vector, Vector], b: tuple[Vector, Vector]
+    f: Frame, o: RelativeState, a: tuple[Vector, Vector], b: tuple[Vector, Vector]
 ) -> Twist:
     """J a + J' v: the rates of the relative twist."""
     wa, wb = o.a.spin, o.b.spin
@@ -136,14 +136,14 @@ def _relative_acceleration(
 
 
 @device_function
-def _target(par: Array, o: Observed, h: float) -> tuple[Four, bool]:
-    """-2 alpha w - beta^2 e, the approach to zero no faster than the pull-in speed."""
-    alpha = model.given(par[model.BAUMGARTE], FEEDBACK / h)
-    beta = model.given(par[model.BAUMGARTE + 1], FEEDBACK / h)
+def _target(par: Array, o: RelativeState, h: float) -> tuple[Four, bool]:
+    """-2 alpha w - beta^2 e, with the correction limited to the pull-in speed; whether it is."""
+    alpha = model.value_or(par[model.BAUMGARTE], FEEDBACK / h)
+    beta = model.value_or(par[model.BAUMGARTE + 1], FEEDBACK / h)
     e, v, w = o.error, o.twist.v, o.twist.w
     settling = 2.0 * alpha / (beta * beta)  # s: e/settling is the speed of the approach
-    y, z, far = pulled(e[0], e[1], settling, par[model.PULL_IN])
-    p2, p3, far_too = pulled(e[2], e[3], settling, par[model.PULL_IN + 1])
+    y, z, far = correction_rate(e[0], e[1], settling, par[model.PULL_IN])
+    p2, p3, far_too = correction_rate(e[2], e[3], settling, par[model.PULL_IN + 1])
     return (
         2.0 * alpha * (y - v[1]),
         2.0 * alpha * (z - v[2]),
@@ -154,13 +154,19 @@ def _target(par: Array, o: Observed, h: float) -> tuple[Four, bool]:
 
 @device_function
 def _friction(
-    par: Array, mem: Array, out: Array, o: Observed, r: Reduced, push: tuple[float, float], h: float
+    par: Array,
+    mem: Array,
+    out: Array,
+    o: RelativeState,
+    r: ReducedStep,
+    push: tuple[float, float],
+    h: float,
 ) -> tuple[tuple[float, float], int, float]:
-    """(f1f, m1f), JAMMED where no finite force exists, and the residual of the scalar equation."""
+    """(f1f, m1f), JAMMED if no finite force exists, and the residual of the scalar equation."""
     law = model.law(par)
     base = reactions(r, push[0], push[1])
     if not law.on:
-        out[out_at.REGIME] = out_at.FRICTIONLESS
+        out[layout.REGIME] = layout.FRICTIONLESS
         write_contact(out, contact(law, base), 0.0, 0.0, 0.0)
         return (0.0, 0.0), 0, 0.0
     radius, v0 = law.radius, par[model.BAUMGARTE + 2]
@@ -179,12 +185,12 @@ def _friction(
         most = rate / (h * (along * (a11 * along + 2.0 * a12 * around) + around * a22 * around))
         share = rate / math.sqrt(rate * rate + v0 * v0)
         traction, jammed, residual = least_traction(law, par, base, by, share, rate, most)
-        flags = out_at.JAMMED if jammed else 0
-    pressed = contact(law, moved(base, by, traction) if rate > 0.0 else base)
+        flags = layout.JAMMED if jammed else 0
+    pressed = contact(law, reactions_at(base, by, traction) if rate > 0.0 else base)
     holds = rate <= v0 or traction >= most
-    out[out_at.REGIME] = out_at.STICK if holds else out_at.SLIP
-    mem[model.STUCK] = mem[model.STUCK] + 1.0 if holds else 0.0
-    mem[model.SLIPPED] += rate * h
+    out[layout.REGIME] = layout.STICK if holds else layout.SLIP
+    mem[model.STICK_SAMPLES] = mem[model.STICK_SAMPLES] + 1.0 if holds else 0.0
+    mem[model.ACCUMULATED_SLIP] += rate * h
     mu = coefficient(law, par, rate, pressed.normal)
     greatest = limit(law, par, rate, pressed.normal)
     write_contact(out, pressed, mu, greatest, traction)

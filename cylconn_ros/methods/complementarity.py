@@ -1,34 +1,34 @@
 """Friction and the reactions of stops, locks and imposed motion on slide and spin, within one step.
 
-Each component is free, or held at one of its bounds (core/joint_limits.py); the held ones are eliminated
-and friction is solved on what is left (core/friction_disc.py). The choice that fulfils its own conditions is
-the solution.
+Each component is free, or at one of its limits (core/joint_limits.py). The components at a limit
+are eliminated and friction is solved on the rest (core/friction_disc.py). The cases are enumerated;
+the case that satisfies its complementarity conditions is the solution.
 
-Stick holds a place, not only a speed: from its second sample on, s+ is measured from the target
-that brings the place back within a step, as a constraint's is, so that stick on moving bodies does
+Stick holds a position, not only a rate: from its second sample on, s+ is measured from the target
+that restores the position within a step, as for a constraint, so that stick on moving bodies does
 not creep.
 """
 
 import math
 from typing import NamedTuple
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array, contact, limit
-from cylconn_ros.core.friction_disc import solve_disc, solve_otherwise
+from cylconn_ros.core.friction_disc import solve_alternative, solve_disc
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.joint_limits import Bounds, Held, Two, hold
-from cylconn_ros.core.latency import share_removed
-from cylconn_ros.core.relative_state import Observed
-from cylconn_ros.core.slip_curve import disc_problem, reaction
+from cylconn_ros.core.joint_limits import ActiveLimits, Bounds, Two, eliminate_limits
+from cylconn_ros.core.latency import correction_share
+from cylconn_ros.core.relative_state import RelativeState
+from cylconn_ros.core.slip_curve import make_disc_problem, reaction
 from cylconn_ros.core.small_matrices import Four
 
-TRIFLE = 1e-15  # of what cancels in a rate
-NAMED, RESTING, SLIDING = 0, 1, 2  # which solution of friction: the rule's, or another
+ROUNDING_SHARE = 1e-15  # of the terms that cancel in a rate
+# Selection among several friction solutions: by the rule of core/friction_disc.py, or another one.
+BY_RULE, NEAREST_STICK, LEAST_TRACTION = 0, 1, 2
 
 
-class Reduced(NamedTuple):
-    """The step with the constrained components eliminated: (f1, m1) is what is left.
+class ReducedStep(NamedTuple):
+    """The step after elimination of the constrained components (Schur complement) for (f1, m1).
 
     (f2 f3 m2 m3) = base + by_f1 f1 + by_m1 m1;   (v1, w1)+ = free + h A (f1, m1)
     """
@@ -40,8 +40,8 @@ class Reduced(NamedTuple):
     a: tuple[float, float, float]  # h A: 11, 12, 22
 
 
-class Sprung(NamedTuple):
-    """The step with springs, dampers and actuation taken in; x = (phi + p) is what is left.
+class StepWithSprings(NamedTuple):
+    """The reduced step including springs, dampers and actuation; x = phi + p is unknown.
 
     (f1, m1) = push - E w+ + x,    (v1, w1)+ = free + S x,    E = diag(e)
     """
@@ -52,8 +52,8 @@ class Sprung(NamedTuple):
     s: tuple[float, float, float]  # 11, 12, 22
 
 
-class Solved(NamedTuple):
-    """Friction and reactions for one choice of the components that are held."""
+class FreeAxesSolution(NamedTuple):
+    """Friction and reactions for one case of active limits."""
 
     end: Two  # (v1, w1)+
     friction: Two  # f1f, m1f
@@ -65,8 +65,8 @@ class Solved(NamedTuple):
 
 
 @inline_function
-def reactions(r: Reduced, f1: float, m1: float) -> Four:
-    """The constraint reactions (f2, f3, m2, m3) that go with (f1, m1)."""
+def reactions(r: ReducedStep, f1: float, m1: float) -> Four:
+    """The constraint reactions (f2, f3, m2, m3) for (f1, m1)."""
     return (
         r.base[0] + r.by_f1[0] * f1 + r.by_m1[0] * m1,
         r.base[1] + r.by_f1[1] * f1 + r.by_m1[1] * m1,
@@ -76,7 +76,7 @@ def reactions(r: Reduced, f1: float, m1: float) -> Four:
 
 
 @inline_function
-def _along(r: Reduced, f1: float, m1: float) -> Four:
+def _free_reactions(r: ReducedStep, f1: float, m1: float) -> Four:
     """by_f1 f1 + by_m1 m1."""
     return (
         r.by_f1[0] * f1 + r.by_m1[0] * m1,
@@ -87,42 +87,43 @@ def _along(r: Reduced, f1: float, m1: float) -> Four:
 
 
 @inline_function
-def within(
+def solve_with_limits(
     par: Array,
     mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
+    o: RelativeState,
+    r: ReducedStep,
+    sp: StepWithSprings,
     h: float,
     explicit: bool,
     b1: Bounds,
     b2: Bounds,
-) -> tuple[Solved, tuple[int, int]]:
-    """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by trying who is held.
+) -> tuple[FreeAxesSolution, tuple[int, int]]:
+    """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by case enumeration.
 
-    Few components, so few choices: free, or held at either bound. Mostly the first is the one.
-    Where friction has several solutions the one that the rule names may fit nowhere: then those
-    next to stick are tried, and then those of least traction where the rule names stick.
+    Each of the two components is free, at its lower or at its upper bound; usually the first case,
+    both free, is the solution. If friction has several solutions, none of the cases may be valid
+    with the one of the selection rule: then the solutions nearest to stick are tried, and then
+    those of least traction. Returns the solution and the side of each component.
     """
     fixed1, fixed2 = b1.low == b1.high, b2.low == b2.high
     best, best_sides, least = (
-        _solved(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2, NAMED),
+        _solve_case(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2, BY_RULE),
         (0, 0),
         math.inf,
     )
     for choice in range(27):
         side1, side2, which = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3], choice // 9
-        offered1, side1 = _offered(b1, side1)
-        offered2, side2 = _offered(b2, side2)
+        offered1, side1 = _is_candidate(b1, side1)
+        offered2, side2 = _is_candidate(b2, side2)
         if not (offered1 and offered2):
             continue
         found = best
-        if side1 != 0 or side2 != 0 or which != NAMED:
-            found = _solved(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, which)
+        if side1 != 0 or side2 != 0 or which != BY_RULE:
+            found = _solve_case(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, which)
         p, q = found.reaction
         wrong = max(
-            _wrong(b1, fixed1, side1, found.end[0], p * sp.s[0], sp.free[0]),
-            _wrong(b2, fixed2, side2, found.end[1], q * sp.s[2], sp.free[1]),
+            _limit_violation(b1, fixed1, side1, found.end[0], p * sp.s[0], sp.free[0]),
+            _limit_violation(b2, fixed2, side2, found.end[1], q * sp.s[2], sp.free[1]),
         )
         if wrong < least:
             best, best_sides, least = found, (side1, side2), wrong
@@ -132,8 +133,8 @@ def within(
 
 
 @inline_function
-def _offered(b: Bounds, side: int) -> tuple[bool, int]:
-    """Whether ``side`` is a choice, and which bound it stands for: a fixed rate is just one."""
+def _is_candidate(b: Bounds, side: int) -> tuple[bool, int]:
+    """Whether ``side`` is a case, and the bound that it stands for; a fixed rate has one case."""
     if b.low == b.high:
         return side == 0, -1
     none = (side < 0 and b.low == -math.inf) or (side > 0 and b.high == math.inf)
@@ -141,26 +142,28 @@ def _offered(b: Bounds, side: int) -> tuple[bool, int]:
 
 
 @inline_function
-def _wrong(b: Bounds, fixed: bool, side: int, rate: float, pushed: float, free: float) -> float:
+def _limit_violation(
+    b: Bounds, fixed: bool, side: int, rate: float, pushed: float, free: float
+) -> float:
     """By how much, as a rate, a choice breaks its own condition; 0: it does not.
 
     pushed: what the reaction adds to the rate; free: the rate without friction and reactions.
     """
     if fixed:
         return 0.0
-    slack = 1e-13 * abs(rate) + TRIFLE * abs(free)
+    slack = 1e-13 * abs(rate) + ROUNDING_SHARE * abs(free)
     if side == 0:
         return max(b.low - rate - slack, rate - b.high - slack, 0.0)
     return max(pushed * side - slack, 0.0)
 
 
 @device_function
-def _solved(
+def _solve_case(
     par: Array,
     mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
+    o: RelativeState,
+    r: ReducedStep,
+    sp: StepWithSprings,
     h: float,
     explicit: bool,
     side1: int,
@@ -168,11 +171,11 @@ def _solved(
     side2: int,
     b2: Bounds,
     which: int,
-) -> Solved:
-    """Friction and reactions with the components of side -1 (lower bound) and 1 (upper) held."""
+) -> FreeAxesSolution:
+    """Friction and reactions with the components at their lower (-1) or upper (1) bound."""
     t1 = b1.low if side1 < 0 else b1.high
     t2 = b2.low if side2 < 0 else b2.high
-    held = hold(sp.free, sp.s, (side1, side2), (t1, t2))
+    held = eliminate_limits(sp.free, sp.s, (side1, side2), (t1, t2))
     friction, regime, flags, s_mean, residual = _friction(
         par, mem, o, r, sp, held, h, explicit, which
     )
@@ -185,26 +188,26 @@ def _solved(
         held.q0[0] + (held.q1[0] - 1.0) * f + held.q2[0] * g,
         held.q0[1] + held.q1[1] * f + (held.q2[1] - 1.0) * g,
     )
-    return Solved(end, friction, reaction_, regime, flags, s_mean, residual)
+    return FreeAxesSolution(end, friction, reaction_, regime, flags, s_mean, residual)
 
 
 @device_function
 def restitution_without_gain(
     par: Array,
     mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
+    o: RelativeState,
+    r: ReducedStep,
+    sp: StepWithSprings,
     h: float,
     explicit: bool,
     b1: Bounds,
     b2: Bounds,
     eps: float,
 ) -> float:
-    """The largest coefficient <= eps with which the impact does not gain kinetic energy.
+    """The largest restitution <= eps for which the impact does not increase the kinetic energy.
 
-    Friction and coupled inertias can otherwise feed it: the work of the impulses on slide and spin,
-    (phi + p).(w- + w+)/2 with w+ = -eps w- on what impacts, must not be positive.
+    Friction and coupled inertias could otherwise add energy: the work of the impulses on slide and
+    spin, (phi + p).(w- + w+)/2 with w+ = -eps w- of the component that impacts, must be <= 0.
     """
     v1, w1 = o.twist.v[0], o.twist.w[0]
     low, high = 0.0, eps
@@ -212,7 +215,7 @@ def restitution_without_gain(
         now = high if attempt == 0 else 0.5 * (low + high)
         c1 = Bounds(-now * v1, -now * v1, 0) if b1.impact != 0 else b1
         c2 = Bounds(-now * w1, -now * w1, 0) if b2.impact != 0 else b2
-        s = _solved(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2, NAMED)
+        s = _solve_case(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2, BY_RULE)
         work = (s.friction[0] + s.reaction[0]) * (v1 + s.end[0])
         work += (s.friction[1] + s.reaction[1]) * (w1 + s.end[1])
         if work <= 0.0:
@@ -228,10 +231,10 @@ def restitution_without_gain(
 def _friction(
     par: Array,
     mem: Array,
-    o: Observed,
-    r: Reduced,
-    sp: Sprung,
-    held: Held,
+    o: RelativeState,
+    r: ReducedStep,
+    sp: StepWithSprings,
+    held: ActiveLimits,
     h: float,
     explicit: bool,
     which: int,
@@ -239,40 +242,40 @@ def _friction(
     """(f1f, m1f), regime, flags, s~ and the residual of the law."""
     law = model.law(par)
     if not law.on:
-        return (0.0, 0.0), out_at.FRICTIONLESS, 0, (0.0, 0.0), 0.0
+        return (0.0, 0.0), layout.FRICTIONLESS, 0, (0.0, 0.0), 0.0
     radius = law.radius
     was_stick = mem[model.WAS_STICK] != 0.0
     v1, w1 = o.twist.v[0], o.twist.w[0]
     free, s = held.free, held.s
     s_free = (free[0], radius * free[1])
-    if was_stick:  # the place that stick holds is a constraint's target too
-        if mem[model.STUCK] == 1.0:
-            mem[model.HELD_LENGTH], mem[model.HELD_ANGLE] = o.length, o.angle
-        keep, share = 0.0 if explicit else 0.5, share_removed(par, mem)
-        back = share * (o.length - mem[model.HELD_LENGTH]) / h + keep * v1
-        turn = share * (o.angle - mem[model.HELD_ANGLE]) / h + keep * w1
+    if was_stick:  # the position that stick holds is a target, as for a constraint
+        if mem[model.STICK_SAMPLES] == 1.0:
+            mem[model.STICK_LENGTH], mem[model.STICK_ANGLE] = o.length, o.angle
+        keep, share = 0.0 if explicit else 0.5, correction_share(par, mem)
+        back = share * (o.length - mem[model.STICK_LENGTH]) / h + keep * v1
+        turn = share * (o.angle - mem[model.STICK_ANGLE]) / h + keep * w1
         s_free = (s_free[0] + back, s_free[1] + radius * turn)
     # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
     e1, er = sp.e
     base = reactions(
         r, sp.push[0] - e1 * free[0] + held.q0[0], sp.push[1] - er * free[1] + held.q0[1]
     )
-    by_p = _along(r, held.q1[0] - e1 * s[0], held.q1[1] - er * s[1])
-    by_q = _along(r, radius * (held.q2[0] - e1 * s[1]), radius * (held.q2[1] - er * s[2]))
-    d = disc_problem(
+    by_p = _free_reactions(r, held.q1[0] - e1 * s[0], held.q1[1] - er * s[1])
+    by_q = _free_reactions(r, radius * (held.q2[0] - e1 * s[1]), radius * (held.q2[1] - er * s[2]))
+    d = make_disc_problem(
         (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
     )
-    if which == NAMED:
+    if which == BY_RULE:
         sol = solve_disc(law, par, d, was_stick)
     else:
-        sol = solve_otherwise(law, par, d, which == SLIDING)
+        sol = solve_alternative(law, par, d, which == LEAST_TRACTION)
 
     p, q = sol.phi
     size = math.sqrt(p * p + q * q)
     normal = contact(law, reaction(d, sol.phi)).normal
     slip = math.sqrt(sol.s_mean[0] ** 2 + sol.s_mean[1] ** 2)
     residual = 0.0
-    if sol.regime == out_at.SLIP:
+    if sol.regime == layout.SLIP:
         greatest = limit(law, par, slip, normal)
         if greatest > 0.0 and slip > 0.0:
             across = math.sqrt(

@@ -1,44 +1,44 @@
-"""The two halves of a step of ``impulse`` for connectors that share bodies.
+"""The step of method impulse in two parts, for connectors that share bodies.
 
-With several connectors the wrench of each moves the others' bodies. So the step is split where it
-needs to know of them: :func:`look` says what a connector is before anybody acts, as numbers, and
-:func:`answer` finishes its step once the constraints of all are eliminated together and the others'
-friction is known (connector/group.py). Everything between is what one alone does.
+The wrench of each connector moves the bodies of the others, so that the step is split:
+:func:`prepare_coupled` computes the quantities of a connector before wrenches act, and
+:func:`complete_coupled` completes the step after the constraints of all connectors are eliminated
+together and the friction of the others is known (connector/group.py). Both use the functions of the
+step of a single connector.
 """
 
 from typing import Final
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import inline_function, kernel
 from cylconn_ros.core.kinematics import Frame, Twist, relative_twist
-from cylconn_ros.core.relative_state import observe
+from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
 from cylconn_ros.methods import impulse
-from cylconn_ros.methods.complementarity import Reduced
-from cylconn_ros.methods.dispatch import begun, ended
-from cylconn_ros.methods.free_axes import available
+from cylconn_ros.methods.complementarity import ReducedStep
+from cylconn_ros.methods.dispatch import begin, finish
+from cylconn_ros.methods.free_axes import solve_free_axes
 
-# --- LOOKED: what a connector is before anybody acts
+# --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes
 JACOBIAN_B: Final = 36
 INVERSE_A: Final = 72  # 3 x 3, inverse inertia about the mass centre, world axes, at q~
 INVERSE_B: Final = 81
 FREE: Final = 90  # J~ vf, 6
-TURNING: Final = 96  # 6
+JACOBIAN_CHANGE: Final = 96  # 6
 TARGET: Final = 102  # 4
 MEASURED: Final = 106  # v1, w1 of the sample, 2
-NLOOKED: Final = 108
+NPREPARED: Final = 108
 
-# --- GIVEN: the constraints eliminated and the others' part in, as methods/complementarity.py has it
+# --- reduced (NREDUCED,): constraints eliminated, see ReducedStep in methods/complementarity.py ---
 BASE: Final = 0  # 4
 BY_F1: Final = 4  # 4
 BY_M1: Final = 8  # 4
 FREE_SLIP: Final = 12  # 2
 A: Final = 14  # 3
-NGIVEN: Final = 17
+NREDUCED: Final = 17
 
 _ZERO: Final = (0.0, 0.0, 0.0)
 _STILL_AT: Final = (0.0, 0.0, 0.0, 1.0)
@@ -46,77 +46,89 @@ _STILL_AT: Final = (0.0, 0.0, 0.0, 1.0)
 
 @inline_function
 def _unit(k: int) -> Vector:
-    """The axis number k of three; none for another number."""
+    """The unit vector k of three; zero for another number."""
     return (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
 
 
 @inline_function
-def _write_jacobians(f: Frame, looked: Array) -> None:
+def _write_jacobians(f: Frame, prepared: Array) -> None:
     still = Motion(_ZERO, _STILL_AT, _ZERO, _ZERO)
     for k in range(6):
         unit = Motion(_ZERO, _STILL_AT, _unit(k), _unit(k - 3))
         a, b = relative_twist(f, unit, still), relative_twist(f, still, unit)
         for i in range(3):
-            looked[JACOBIAN_A + 6 * i + k], looked[JACOBIAN_A + 6 * (i + 3) + k] = a.v[i], a.w[i]
-            looked[JACOBIAN_B + 6 * i + k], looked[JACOBIAN_B + 6 * (i + 3) + k] = b.v[i], b.w[i]
+            prepared[JACOBIAN_A + 6 * i + k], prepared[JACOBIAN_A + 6 * (i + 3) + k] = (
+                a.v[i],
+                a.w[i],
+            )
+            prepared[JACOBIAN_B + 6 * i + k], prepared[JACOBIAN_B + 6 * (i + 3) + k] = (
+                b.v[i],
+                b.w[i],
+            )
 
 
 @inline_function
-def _write_inverse(body: Body, q: Quaternion, looked: Array, at: int) -> None:
+def _write_inverse(body: Body, q: Quaternion, prepared: Array, at: int) -> None:
     axes = matrix(q)
     for k in range(3):
         column = out_of(axes, times(body.inverse_inertia, into(axes, _unit(k))))
         for i in range(3):
-            looked[at + 3 * i + k] = column[i] if body.free else 0.0
+            prepared[at + 3 * i + k] = column[i] if body.free else 0.0
 
 
 @inline_function
 def _put_twist(a: Array, at: int, twist: Twist) -> None:
-    model.put(a, at, twist.v)
-    model.put(a, at + 3, twist.w)
+    model.write_vector(a, at, twist.v)
+    model.write_vector(a, at + 3, twist.w)
 
 
 @kernel
-def look(par: Array, mem: Array, sample: Array, h: float, out: Array, looked: Array) -> int:
-    """Write ``looked`` (NLOOKED,) for a sample; the status, as of a step.
+def prepare_coupled(
+    par: Array, mem: Array, sample: Array, h: float, out: Array, prepared: Array
+) -> int:
+    """Write ``prepared`` (NPREPARED,) for a sample; returns the status of a step.
 
-    ``mem`` is advanced as by a step and is to be a copy, ``out`` is for its own use.
+    ``mem`` is updated as by a step, so that the caller passes a copy; ``out`` is scratch space.
     """
-    status = begun(par, mem, sample, h, out)
-    if status != out_at.OK:
+    status = begin(par, mem, sample, h, out)
+    if status != layout.OK:
         return status
-    o = observe(par, mem, sample, out)
-    s = impulse.frozen(par, mem, sample, o, h, False)
-    _write_jacobians(s.acting, looked)
-    _write_inverse(o.body_a, s.a.middle.orientation, looked, INVERSE_A)
-    _write_inverse(o.body_b, s.b.middle.orientation, looked, INVERSE_B)
-    _put_twist(looked, FREE, s.free)
-    _put_twist(looked, TURNING, s.turning)
+    o = measure(par, mem, sample, out)
+    s = impulse.prepare_step(par, mem, sample, o, h, False)
+    _write_jacobians(s.acting, prepared)
+    _write_inverse(o.body_a, s.a.middle.orientation, prepared, INVERSE_A)
+    _write_inverse(o.body_b, s.b.middle.orientation, prepared, INVERSE_B)
+    _put_twist(prepared, FREE, s.free)
+    _put_twist(prepared, JACOBIAN_CHANGE, s.jacobian_change)
     for k in range(4):
-        looked[TARGET + k] = s.target[k]
-    looked[MEASURED], looked[MEASURED + 1] = o.twist.v[0], o.twist.w[0]
-    return out_at.OK
+        prepared[TARGET + k] = s.target[k]
+    prepared[MEASURED], prepared[MEASURED + 1] = o.twist.v[0], o.twist.w[0]
+    return layout.OK
 
 
 @kernel
-def answer(par: Array, mem: Array, sample: Array, h: float, given: Array, out: Array) -> int:
-    """Answer a sample with the constraints of all eliminated: ``given`` (NGIVEN,); the status.
+def complete_coupled(
+    par: Array, mem: Array, sample: Array, h: float, reduced: Array, out: Array
+) -> int:
+    """Complete the step with the constraints of all eliminated: ``reduced`` (NREDUCED,).
 
-    ``mem`` and ``out`` as of a step; on a copy of ``mem`` it is a trial.
+    ``mem`` and ``out`` as of a step; with a copy of ``mem`` it is a trial step. Returns the status.
     """
-    status = begun(par, mem, sample, h, out)
-    if status != out_at.OK:
+    status = begin(par, mem, sample, h, out)
+    if status != layout.OK:
         return status
-    o = observe(par, mem, sample, out)
-    s = impulse.frozen(par, mem, sample, o, h, False)
-    r = Reduced(
-        (given[0], given[1], given[2], given[3]),
-        (given[4], given[5], given[6], given[7]),
-        (given[8], given[9], given[10], given[11]),
-        (given[12], given[13]),
-        (given[14], given[15], given[16]),
+    o = measure(par, mem, sample, out)
+    s = impulse.prepare_step(par, mem, sample, o, h, False)
+    r = ReducedStep(
+        (reduced[0], reduced[1], reduced[2], reduced[3]),
+        (reduced[4], reduced[5], reduced[6], reduced[7]),
+        (reduced[8], reduced[9], reduced[10], reduced[11]),
+        (reduced[12], reduced[13]),
+        (reduced[14], reduced[15], reduced[16]),
     )
-    av = available(par, mem, o, r, h, model.output(par).semi_implicit)
-    flags = impulse.answer(par, mem, out, o, s, av, h)
-    out[out_at.RESIDUAL] = av.solved.residual  # of its own part; the constraints are the group's
-    return ended(par, mem, sample, h, flags, out)
+    av = solve_free_axes(par, mem, o, r, h, model.output(par).semi_implicit)
+    flags = impulse.write_outputs(par, mem, out, o, s, av, h)
+    out[layout.RESIDUAL] = (
+        av.solved.residual
+    )  # of its own part; connector/group.py adds that of the constraints
+    return finish(par, mem, sample, h, flags, out)

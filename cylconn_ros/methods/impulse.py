@@ -1,44 +1,43 @@
-"""Known inertia: constraint reactions and friction of one step, solved together.
+"""Method impulse, known inertia: constraint reactions and friction of one step, solved together.
 
-The wrench Lambda = (f1 f2 f3 m1 m2 m3), on B at node b, held over the coming period h; forces
-in the axes of a, moments in N (core/kinematics.py):
+The wrench Lambda = (f1 f2 f3 m1 m2 m3) acts on B at node b and is held over the next period h;
+forces in the axes of a, moments in N (core/kinematics.py):
 
-    v+ = vf + h M^-1 J~^T Lambda       vf: free velocity, of gravity, loads, gyroscopic terms
+    v+ = vf + h M^-1 J~^T Lambda       vf: free velocity from gravity, loads, gyroscopic terms
     w+ = J~ v+                         relative twist at node b, J~ in the configuration q~
     w+_c = target_c                    c: the constrained components, y, z and both swings
     s+ = (v1, R w1)+ and friction      see core/friction_disc.py
 
-q~ is the middle of the step. Each mass centre stands at its mean over the free step, x + h v/2 +
-h^2 a/6, and as a body's own force does not move it across that force, the two wrenches exchange
+q~ is the middle of the step. Each mass centre is at its mean over the free step, x + h v/2 + h^2
+a/6. Since a force does not displace its body across its own direction, the two wrenches exchange
 linear and angular momentum exactly over the step, not only to second order.
 
-Only the wrench goes out, and positions are measured at the next sample: e the constraint's error,
-q^ = q + h v
+The connector only sends the wrench; positions are measured at the next sample. With the constraint
+error e and q^ = q + h v the targets are
 
     exact plant          w+_c = -e/h - J(q)v_c/2 - [(J(q^) - J~) v]_c       deadbeat, second order
-      fast turning       the same asked of the end foreseen                 methods/predicted_end.py
-      faster still       w+_c = -e/h                                        dissipative
+      fast rotation      the same for the predicted end                     methods/predicted_end.py
+      faster rotation    w+_c = -e/h                                        dissipative
     semi-implicit plant  w+_c = -e/h, all in the configuration q
 
-The bracket takes J~v+ to the end of the step; the available components carry it too, so that s+ is
-the slip at the end. -e/h is limited to the pull-in speed.
+The bracket (jacobian_change) converts J~v+ to the end of the step; it applies to slide and spin as
+well, so that s+ is the slip at the end. -e/h is limited to the pull-in speed.
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit,
-second order, and taken into S before friction is solved.
+second order, and included in S before friction is solved (methods/free_axes.py).
 """
 
 import math
 from typing import NamedTuple
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
-from cylconn_ros.core.delassus import Inertia, of_body, of_both, swung
+from cylconn_ros.core import layout, model
+from cylconn_ros.core.delassus import DelassusOperator, in_swing_axes, of_body, sum_of_bodies
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
-from cylconn_ros.core.latency import share_removed
+from cylconn_ros.core.latency import correction_share
 from cylconn_ros.core.output_wrenches import write_wrenches
-from cylconn_ros.core.relative_state import Observed, observe
+from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
 from cylconn_ros.core.small_matrices import Four, factor, solve
 from cylconn_ros.core.vectors import (
@@ -53,16 +52,21 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.complementarity import Reduced, reactions
-from cylconn_ros.methods.free_axes import Available, available, report
-from cylconn_ros.methods.predicted_end import GAIN, MOST_TURNS, PASSES, TURNS, end_of
+from cylconn_ros.methods.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.free_axes import FreeAxes, solve_free_axes, write_state
+from cylconn_ros.methods.predicted_end import (
+    GAIN,
+    MAX_TURN,
+    MIN_TURN,
+    NEWTON_ITERATIONS,
+    predict_end,
+)
 
-UNDERSAMPLED_ABOVE = 0.5  # |w| h
-ROUNDING = 4e-16  # a relative error that counts as none
-STOPPED_AFTER = 3  # stuck samples in a row: a single one occurs at turning points
+UNDERSAMPLED_ABOVE = 0.5  # |w| h, rad
+ROUNDING = 4e-16  # relative
 
 
-class Free(NamedTuple):
+class FreeStep(NamedTuple):
     """A body's free step: the configuration q~ and the end of the free velocity."""
 
     middle: Motion  # its velocity is not used
@@ -71,32 +75,32 @@ class Free(NamedTuple):
 
 
 @inline_function
-def _free(
+def _free_step(
     par: Array, body: Body, m: Motion, load: Vector, torque: Vector, h: float, explicit: bool
-) -> Free:
-    """The free step; ``explicit``: all frozen at its start, as a semi-implicit plant does."""
+) -> FreeStep:
+    """The free step; ``explicit``: evaluated at its start, as a semi-implicit plant does."""
     if not body.free:
         q = turned(m.orientation, scale(0.5 * h, m.spin))
         if explicit:
-            return Free(m, m, q)
-        return Free(Motion(add_scaled(m.com, 0.5 * h, m.velocity), q, m.velocity, m.spin), m, q)
+            return FreeStep(m, m, q)
+        return FreeStep(Motion(add_scaled(m.com, 0.5 * h, m.velocity), q, m.velocity, m.spin), m, q)
     a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load)
     velocity = add_scaled(m.velocity, h, a)
     half = turned(m.orientation, scale(0.5 * h, m.spin))
     if explicit:
         dw = angular_acceleration(body, m.orientation, m.spin, torque)
-        return Free(m, Motion(m.com, half, velocity, add_scaled(m.spin, h, dw)), half)
+        return FreeStep(m, Motion(m.com, half, velocity, add_scaled(m.spin, h, dw)), half)
     com = add_scaled(add_scaled(m.com, 0.5 * h, m.velocity), h * h / 6.0, a)
-    # The load's torque is left out of the spin at the half: mostly the connector will balance it.
+    # The angular velocity at the middle omits the load's torque: the connector usually balances it.
     dw = angular_acceleration(body, m.orientation, m.spin, (0.0, 0.0, 0.0))
     dw = angular_acceleration(body, half, add_scaled(m.spin, 0.5 * h, dw), torque)
     spin = add_scaled(m.spin, h, dw)
-    return Free(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
+    return FreeStep(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
 
 
 @inline_function
-def _ahead(m: Motion, h: float) -> Motion:
-    """q^ = q + h v, with the velocity as it is."""
+def _extrapolated(m: Motion, h: float) -> Motion:
+    """q^ = q + h v with unchanged velocity."""
     return Motion(
         add_scaled(m.com, h, m.velocity),
         turned(m.orientation, scale(h, m.spin)),
@@ -106,103 +110,105 @@ def _ahead(m: Motion, h: float) -> Motion:
 
 
 @inline_function
-def pulled(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
-    """-e/h, its size limited to the pull-in speed."""
+def correction_rate(e1: float, e2: float, h: float, greatest: float) -> tuple[float, float, bool]:
+    """-e/h with its norm limited to ``greatest``; whether it was limited."""
     size = math.sqrt(e1 * e1 + e2 * e2)
     if size <= greatest * h:
         return -e1 / h, -e2 / h, False
     return -greatest * e1 / size, -greatest * e2 / size, True
 
 
-class Step(NamedTuple):
-    """What a step is before anybody says what acts on slide and spin."""
+class PreparedStep(NamedTuple):
+    """A step with the constraint eliminated, before the forces on slide and spin are known."""
 
-    a: Free
-    b: Free
+    a: FreeStep
+    b: FreeStep
     acting: Frame  # the configuration q~
-    g: Inertia
+    g: DelassusOperator
     free: Twist  # J~ vf
-    turning: Twist
+    jacobian_change: Twist
     target: Four
-    reduced: Reduced
+    reduced: ReducedStep
     flags: int
 
 
 @inline_function
-def frozen(par: Array, mem: Array, sample: Array, o: Observed, h: float, alone: bool) -> Step:
-    """q~, vf, the inertia that the wrench meets, and the constraint eliminated.
+def prepare_step(
+    par: Array, mem: Array, sample: Array, o: RelativeState, h: float, alone: bool
+) -> PreparedStep:
+    """Prepare a step: q~, vf, the Delassus operator, and elimination of the constraint.
 
-    ``alone``: no other connector acts on the bodies, so that their end can be foreseen.
+    ``alone``: no other connector acts on the bodies, so that the end of the step can be predicted.
     """
     body_a, body_b = o.body_a, o.body_b
     explicit = model.output(par).semi_implicit
     flags = o.flags
     turn = max(norm(o.a.spin), norm(o.b.spin)) * h
     if turn > UNDERSAMPLED_ABOVE:
-        flags |= out_at.UNDERSAMPLED
-    free_a = _loaded(par, body_a, o.a, sample, out_at.A_LOAD, h, explicit)
-    free_b = _loaded(par, body_b, o.b, sample, out_at.B_LOAD, h, explicit)
+        flags |= layout.UNDERSAMPLED
+    free_a = _free_step_under_load(par, body_a, o.a, sample, layout.A_LOAD, h, explicit)
+    free_b = _free_step_under_load(par, body_b, o.b, sample, layout.B_LOAD, h, explicit)
     f = frame(o.nodes, free_a.middle, free_b.middle)
-    g = swung(
-        of_both(
+    g = in_swing_axes(
+        sum_of_bodies(
             of_body(body_a, f.axes, free_a.middle.orientation, f.arm_a),
             of_body(body_b, f.axes, free_b.middle.orientation, f.arm_b),
         ),
         f.swing,
     )
     wf = relative_twist(f, free_a.end, free_b.end)
-    coarse = explicit or min(norm(o.a.spin), norm(o.b.spin)) * h > MOST_TURNS
-    turning = _turning(o.nodes, f, o, h, coarse)
-    target, far = _target(par, o, turning, h, coarse, share_removed(par, mem))
-    reduced = eliminated(g, wf, turning, target, h)
-    if alone and TURNS < turn < MOST_TURNS and not explicit and not model.output(par).held_in_body:
-        turning, target, reduced, far = _foreseen(
-            par, mem, sample, o, f, g, wf, turning, target, reduced, far, h
+    coarse = explicit or min(norm(o.a.spin), norm(o.b.spin)) * h > MAX_TURN
+    jacobian_change = _jacobian_change(o.nodes, f, o, h, coarse)
+    target, far = _target(par, o, jacobian_change, h, coarse, correction_share(par, mem))
+    reduced = eliminate_constraint(g, wf, jacobian_change, target, h)
+    if alone and MIN_TURN < turn < MAX_TURN and not explicit and not model.output(par).held_in_body:
+        jacobian_change, target, reduced, far = _with_predicted_end(
+            par, mem, sample, o, f, g, wf, jacobian_change, target, reduced, far, h
         )
     if far:
-        flags |= out_at.MISALIGNED
-    return Step(free_a, free_b, f, g, wf, turning, target, reduced, flags)
+        flags |= layout.MISALIGNED
+    return PreparedStep(free_a, free_b, f, g, wf, jacobian_change, target, reduced, flags)
 
 
 @device_function
-def _foreseen(
-    par: Array, mem: Array, sample: Array, o: Observed, f: Frame, g: Inertia, wf: Twist,
-    turning: Twist, target: Four, r: Reduced, far: bool, h: float,
-) -> tuple[Twist, Four, Reduced, bool]:  # fmt: skip
-    """Bracket, target and what follows from them, for the end foreseen: methods/predicted_end.py."""
-    f1, m1 = mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1]
-    limits, share = _limits(par, o, h), 1.0 / (1.0 + 0.5 * GAIN)
-    for _ in range(PASSES):
+def _with_predicted_end(
+    par: Array, mem: Array, sample: Array, o: RelativeState, f: Frame, g: DelassusOperator,
+    wf: Twist, jacobian_change: Twist, target: Four, r: ReducedStep, far: bool, h: float,
+) -> tuple[Twist, Four, ReducedStep, bool]:  # fmt: skip
+    """jacobian_change, target and reduced step for the predicted end: methods/predicted_end.py."""
+    f1, m1 = mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1]
+    limits, share = _correction_limits(par, o, h), 1.0 / (1.0 + 0.5 * GAIN)
+    for _ in range(NEWTON_ITERATIONS):
         c = reactions(r, f1, m1)
-        end = end_of(par, mem, sample, o, f, (f1, c[0], c[1]), (m1, c[2], c[3]), h)
+        end = predict_end(par, mem, sample, o, f, (f1, c[0], c[1]), (m1, c[2], c[3]), h)
         if not end.known:
             break
-        v1 = r.free[0] - turning.v[0] + r.a[0] * f1 + r.a[1] * m1
-        w1 = r.free[1] - turning.w[0] + r.a[1] * f1 + r.a[2] * m1
+        v1 = r.free[0] - jacobian_change.v[0] + r.a[0] * f1 + r.a[1] * m1
+        w1 = r.free[1] - jacobian_change.w[0] + r.a[1] * f1 + r.a[2] * m1
         v, w, e = end.twist.v, end.twist.w, end.error
-        turning = Twist(
+        jacobian_change = Twist(
             (v[0] - v1, v[1] - target[0], v[2] - target[1]),
             (w[0] - w1, w[1] - target[2], w[2] - target[3]),
         )
-        e = scaled(e, share_removed(par, mem))
-        y, z, far_offset = pulled(GAIN * e[0], GAIN * e[1], h, limits[0])
-        p2, p3, far_angle = pulled(GAIN * e[2], GAIN * e[3], h, limits[1])
+        e = scaled(e, correction_share(par, mem))
+        y, z, far_offset = correction_rate(GAIN * e[0], GAIN * e[1], h, limits[0])
+        p2, p3, far_angle = correction_rate(GAIN * e[2], GAIN * e[3], h, limits[1])
         target = (
             target[0] - share * (v[1] - y),
             target[1] - share * (v[2] - z),
             target[2] - share * (w[1] - p2),
             target[3] - share * (w[2] - p3),
         )
-        r, far = eliminated(g, wf, turning, target, h), far_offset or far_angle
-    return turning, target, r, far
+        r, far = eliminate_constraint(g, wf, jacobian_change, target, h), far_offset or far_angle
+    return jacobian_change, target, r, far
 
 
 @inline_function
-def answer(
-    par: Array, mem: Array, out: Array, o: Observed, s: Step, av: Available, h: float
+def write_outputs(
+    par: Array, mem: Array, out: Array, o: RelativeState, s: PreparedStep, av: FreeAxes, h: float
 ) -> int:
-    """Write wrenches and state for what acts on slide and spin; returns the flags."""
-    f1, m1 = mem[model.LAST_TOTAL], mem[model.LAST_TOTAL + 1]
+    """Write wrenches and state for the forces on slide and spin; returns the flags."""
+    f1, m1 = mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1]
     force = (f1, av.constraint[0], av.constraint[1])
     moment = (m1, av.constraint[2], av.constraint[3])
     flags = s.flags | av.solved.flags
@@ -211,40 +217,40 @@ def answer(
         o.body_a, o.body_b, o.a, o.b,
         s.a.orientation, s.b.orientation,
     )  # fmt: skip
-    report(par, mem, out, o, s.reduced, av, force, moment, h)
-    unsolved = unmet(s.g, s.free, s.turning, s.target, force, moment, h)
-    out[out_at.RESIDUAL] = max(av.solved.residual, unsolved)
-    if mem[model.STUCK] >= STOPPED_AFTER:
-        flags |= out_at.STOPPED
+    write_state(par, mem, out, o, s.reduced, av, force, moment, h)
+    unsolved = constraint_residual(s.g, s.free, s.jacobian_change, s.target, force, moment, h)
+    out[layout.RESIDUAL] = max(av.solved.residual, unsolved)
+    if mem[model.STICK_SAMPLES] >= layout.STOPPED_SAMPLES:
+        flags |= layout.STOPPED
     return flags
 
 
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
-    """One sample: (NSAMPLE,) in, (NOUT,) out, ``mem`` advanced; returns the flags."""
-    o = observe(par, mem, sample, out)
-    s = frozen(par, mem, sample, o, h, True)
-    av = available(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
-    return answer(par, mem, out, o, s, av, h)
+    """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
+    o = measure(par, mem, sample, out)
+    s = prepare_step(par, mem, sample, o, h, True)
+    av = solve_free_axes(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
+    return write_outputs(par, mem, out, o, s, av, h)
 
 
 @inline_function
-def _loaded(
+def _free_step_under_load(
     par: Array, body: Body, m: Motion, sample: Array, at: int, h: float, explicit: bool
-) -> Free:
-    """The free step under a load that is given at the body frame's origin."""
+) -> FreeStep:
+    """The free step under a load that is given at the origin of the body frame."""
     load = model.vector(sample, at)
     arm = out_of(matrix(m.orientation), body.com)
     torque = sub(model.vector(sample, at + 3), cross(arm, load))
-    return _free(par, body, m, load, torque, h, explicit)
+    return _free_step(par, body, m, load, torque, h, explicit)
 
 
 @inline_function
-def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, coarse: bool) -> Twist:
-    """(J(q^) - J~) v: what the geometry adds to J~v+ until the end of the step."""
+def _jacobian_change(nodes: Nodes, f: Frame, o: RelativeState, h: float, coarse: bool) -> Twist:
+    """(J(q^) - J~) v: the change of J~v+ by the motion until the end of the step."""
     if coarse:
         return Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    a, b = _ahead(o.a, h), _ahead(o.b, h)
+    a, b = _extrapolated(o.a, h), _extrapolated(o.b, h)
     there = relative_twist(frame(nodes, a, b), a, b)
     here = relative_twist(f, o.a, o.b)
     return Twist(sub(there.v, here.v), sub(there.w, here.w))
@@ -252,45 +258,45 @@ def _turning(nodes: Nodes, f: Frame, o: Observed, h: float, coarse: bool) -> Twi
 
 @inline_function
 def _target(
-    par: Array, o: Observed, turning: Twist, h: float, coarse: bool, share: float
+    par: Array, o: RelativeState, jacobian_change: Twist, h: float, coarse: bool, share: float
 ) -> tuple[Four, bool]:
-    """target_c, and whether an error is being pulled in at its bounded speed.
+    """target_c, and whether the correction is limited to the pull-in speed.
 
-    ``share``: of the error, what is to be removed.
+    ``share``: share of the error that this step removes.
     """
     e, w = scaled(o.error, share), o.twist
-    limits = _limits(par, o, h)
-    y, z, far_offset = pulled(e[0], e[1], h, limits[0])
-    p2, p3, far_angle = pulled(e[2], e[3], h, limits[1])
+    limits = _correction_limits(par, o, h)
+    y, z, far_offset = correction_rate(e[0], e[1], h, limits[0])
+    p2, p3, far_angle = correction_rate(e[2], e[3], h, limits[1])
     keep = 0.0 if coarse else 0.5
     target = (
-        y - keep * w.v[1] - turning.v[1],
-        z - keep * w.v[2] - turning.v[2],
-        p2 - keep * w.w[1] - turning.w[1],
-        p3 - keep * w.w[2] - turning.w[2],
+        y - keep * w.v[1] - jacobian_change.v[1],
+        z - keep * w.v[2] - jacobian_change.v[2],
+        p2 - keep * w.w[1] - jacobian_change.w[1],
+        p3 - keep * w.w[2] - jacobian_change.w[2],
     )
     return target, far_offset or far_angle
 
 
 @inline_function
 def scaled(e: Four, share: float) -> Four:
-    """``share`` of an error."""
+    """The error e times ``share``."""
     return (share * e[0], share * e[1], share * e[2], share * e[3])
 
 
 @inline_function
-def _limits(par: Array, o: Observed, h: float) -> tuple[float, float]:
-    """The greatest speed of offsets and rate of swings at which a violation is removed."""
-    own = _own_rate(o, h)
+def _correction_limits(par: Array, o: RelativeState, h: float) -> tuple[float, float]:
+    """Greatest speed of offsets (m/s) and rate of swings (rad/s) of constraint correction."""
+    own = _truncation_rate(o, h)
     arms = norm(o.frame.arm_a) + norm(o.frame.arm_b)
     return par[model.PULL_IN] + own * arms, par[model.PULL_IN + 1] + own
 
 
 @inline_function
-def _own_rate(o: Observed, h: float) -> float:
-    """The rate at which a step's own error, up to (|w| h)^3 of the arms, is to be removed.
+def _truncation_rate(o: RelativeState, h: float) -> float:
+    """Correction rate for the truncation error of a step, up to (|w| h)^3 times the arms, rad/s.
 
-    None where one wrench a sample cannot hold the constraint: there it would feed the motion.
+    Zero if one wrench per sample cannot hold the constraint: it would add energy.
     """
     spin = max(norm(o.a.spin), norm(o.b.spin))
     turn = spin * h
@@ -304,8 +310,10 @@ def _dot4(a: Four, b: Four) -> float:
 
 
 @inline_function
-def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) -> Reduced:
-    """Solve w+_c = target_c for (f2, f3, m2, m3), for no force and for a unit f1 and m1."""
+def eliminate_constraint(
+    g: DelassusOperator, wf: Twist, jacobian_change: Twist, target: Four, h: float
+) -> ReducedStep:
+    """Solve w+_c = target_c for (f2, f3, m2, m3): for zero f1, m1 and for unit f1 and m1."""
     ff, fm, mm = g.ff, g.fm, g.mm
     lower = factor(ff[3], ff[4], ff[5], fm[1][1], fm[2][1], mm[3], fm[1][2], fm[2][2], mm[4], mm[5])
     base = solve(
@@ -320,22 +328,28 @@ def eliminated(g: Inertia, wf: Twist, turning: Twist, target: Four, h: float) ->
     by_f1 = solve(lower, -of_f1[0], -of_f1[1], -of_f1[2], -of_f1[3])
     by_m1 = solve(lower, -of_m1[0], -of_m1[1], -of_m1[2], -of_m1[3])
     free = (
-        wf.v[0] + turning.v[0] + h * _dot4(of_f1, base),
-        wf.w[0] + turning.w[0] + h * _dot4(of_m1, base),
+        wf.v[0] + jacobian_change.v[0] + h * _dot4(of_f1, base),
+        wf.w[0] + jacobian_change.w[0] + h * _dot4(of_m1, base),
     )
-    a = (  # never below its rounding: a body always gives way
+    a = (  # never below rounding: the mobility is positive
         h * max(ff[0] + _dot4(of_f1, by_f1), ROUNDING * ff[0]),
         h * (fm[0][0] + _dot4(of_f1, by_m1)),
         h * max(mm[0] + _dot4(of_m1, by_m1), ROUNDING * mm[0]),
     )
-    return Reduced(base, by_f1, by_m1, free, a)
+    return ReducedStep(base, by_f1, by_m1, free, a)
 
 
 @inline_function
-def unmet(
-    g: Inertia, wf: Twist, turning: Twist, target: Four, f: Vector, m: Vector, h: float
+def constraint_residual(
+    g: DelassusOperator,
+    wf: Twist,
+    jacobian_change: Twist,
+    target: Four,
+    f: Vector,
+    m: Vector,
+    h: float,
 ) -> float:
-    """Residual of w+_c = target_c, row by row over the sum of the terms' sizes."""
+    """Relative residual of w+_c = target_c: per row, over the sum of the terms' magnitudes."""
     mm = (
         (g.mm[0], g.mm[1], g.mm[2]), (g.mm[1], g.mm[3], g.mm[4]), (g.mm[2], g.mm[4], g.mm[5]),
     )  # fmt: skip

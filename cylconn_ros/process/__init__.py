@@ -1,1 +1,1 @@
-"""Child processes and interruption: what commands and benchmarks share."""
+"""Child processes, and interruption of this one: used by commands and benchmarks."""

@@ -1,8 +1,8 @@
-"""Ctrl-C while the compiler works.
+"""Ctrl-C during compilation.
 
-An exception raised in the midst of compiling comes out of the compiler's callbacks as a page of
-traceback, or not at all. Nothing is open yet that would have to be closed, so a program that is
-interrupted there ends at once, with one line.
+An exception raised while Numba compiles leaves the compiler's callbacks as a page of traceback, or
+is lost. No resource is open yet at that point, so an interrupted program ends at once with one line
+of text.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from collections.abc import Iterator, Sequence
 from types import FrameType
 
 INTERRUPTED = 130
-"""Exit code of an interrupted program, as shells have it."""
+"""Exit code of an interrupted program, by the convention of shells."""
 
 _COMPILER = ("numba", "llvmlite")
 
 
 def compiling(frame: FrameType | None) -> bool:
-    """Whether a frame, or one that called it, is the compiler's."""
+    """Whether a frame, or one of its callers, belongs to the compiler."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).partition(".")[0] in _COMPILER:
             return True
@@ -33,27 +33,27 @@ def compiling(frame: FrameType | None) -> bool:
 def interruptible(
     program: str, signals: Sequence[signal.Signals] = (signal.SIGINT,)
 ) -> Iterator[None]:
-    """Let signals raise KeyboardInterrupt, or end ``program`` where it is compiling.
+    """Make signals raise KeyboardInterrupt, or end ``program`` at once while it compiles.
 
-    A signal that is ignored, or handled by the caller's own function, stays as it is.
+    A signal that is ignored, or that has the caller's own handler, is left unchanged.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         if not compiling(frame):
             signal.default_int_handler(number, frame)
         sys.stdout.flush()
-        print(f"\n{program}: interrupted while compiling; the next start begins anew",
+        print(f"\n{program}: interrupted while compiling; the next start compiles again",
               file=sys.stderr, flush=True)  # fmt: skip
         os._exit(INTERRUPTED)
 
-    usual = (signal.SIG_DFL, signal.default_int_handler)
+    default = (signal.SIG_DFL, signal.default_int_handler)
     previous = {s: signal.getsignal(s) for s in signals}
-    taken = [s for s, handler in previous.items() if handler in usual]
-    for number in taken:
+    replaced = [s for s, handler in previous.items() if handler in default]
+    for number in replaced:
         signal.signal(number, interrupt)
     try:
         yield
     finally:
-        for number in taken:
+        for number in replaced:
             if signal.getsignal(number) is interrupt:
                 signal.signal(number, previous[number])

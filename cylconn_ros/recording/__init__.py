@@ -1,1 +1,1 @@
-"""Recorded runs: rosbag2 directories (metadata.yaml, MCAP), written and read without a graph."""
+"""Recorded runs as rosbag2 directories (metadata.yaml, MCAP): writer, reader, recovery, samples."""

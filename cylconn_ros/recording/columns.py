@@ -1,8 +1,8 @@
-"""Serialised messages of one type to one NumPy array per field.
+"""Decoder from CDR messages of one type to one NumPy array per field.
 
-CDR puts fields at offsets that depend only on the lengths of the strings and sequences before them.
-A run repeats a few such shapes thousands of times, so one message of each shape is walked by its
-schema and all others of that shape are read as strided views: no Python per message.
+The offset of a field in CDR depends only on the lengths of the strings and sequences before it. A
+run repeats a few such layouts thousands of times. So one message of each layout is parsed with its
+schema, and the others of that layout are read as strided views, without Python code per message.
 """
 
 from __future__ import annotations
@@ -15,26 +15,31 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording.message_block import Block, Found, of_messages
+from cylconn_ros.recording.mcap.message_block import MessageBlock, RawMessage, from_messages
 from cylconn_ros.recording.schema import PRIMITIVES, Schema
 
-HEADER_BYTES = (
-    4  # encapsulation: byte 1 says 0 big, 1 little endian (plain CDR, no parameter lists)
-)
+# Encapsulation header: byte 1 is 0 for big and 1 for little endian (plain CDR, no parameter lists).
+HEADER_BYTES = 4
 
 
 @dataclass
 class _Layout:
-    """Where one shape of message keeps its fields (offsets from the start of the bytes)."""
+    """Offsets of the fields of a message, from the start of its bytes.
 
-    leaves: dict[str, tuple[int, str, int | None]] = field(default_factory=dict)
+    Attributes
+    ----------
+        numbers: offset, NumPy type and array length (None: a single value) by field.
+        strings: offset and length of a string, or of each in an array, by field.
+        lengths: offset and value of each length prefix.
+    """
+
+    numbers: dict[str, tuple[int, str, int | None]] = field(default_factory=dict)
     strings: dict[str, list[tuple[int, int]] | tuple[int, int]] = field(default_factory=dict)
-    lengths: list[tuple[int, int]] = field(default_factory=list)  # offset, value of a length prefix
-    size: int = 0
+    lengths: list[tuple[int, int]] = field(default_factory=list)
 
 
-class _Walker:
-    """Walk one message by its schema and note the place of every field."""
+class _Parser:
+    """Parse one message with its schema and store the offset of every field."""
 
     def __init__(self, schema: Schema, data: bytes) -> None:
         if len(data) < HEADER_BYTES or data[0] != 0 or data[1] not in (0, 1):
@@ -47,7 +52,7 @@ class _Walker:
 
     def message(self, type_name: str, prefix: str = "") -> None:
         members = self.schema[type_name]
-        if not members:  # an empty message still has one byte
+        if not members:  # an empty message has one byte
             self._take(1, 1)
         for member in members:
             name = f"{prefix}{member.name}"
@@ -60,7 +65,7 @@ class _Walker:
                 width = np.dtype(code).itemsize
                 offset = self._take(width * count, width) if count else self.at
                 kept = count if member.is_array else None
-                self.layout.leaves[name] = (offset, self.order + code, kept)
+                self.layout.numbers[name] = (offset, self.order + code, kept)
             elif member.type == "string":
                 found = [self._string() for _ in range(count)]
                 self.layout.strings[name] = found if member.is_array else found[0]
@@ -70,10 +75,9 @@ class _Walker:
                 self.message(member.type, f"{name}.")
 
     def finish(self) -> _Layout:
-        # rclpy reserves the alignment of empty sequences and leaves it at the end as padding.
+        # rclpy adds padding at the end: the alignment that it reserves for empty sequences.
         if len(self.data) - self.at >= 8 * (1 + self.sequences):
             raise RecordingError(f"{len(self.data) - self.at} bytes more than its type has")
-        self.layout.size = len(self.data)
         return self.layout
 
     def _take(self, size: int, alignment: int) -> int:
@@ -97,11 +101,11 @@ class _Walker:
     def _string(self) -> tuple[int, int]:
         length = self._length()
         offset = self._take(length, 1)
-        return offset, max(length - 1, 0)  # without the closing zero
+        return offset, max(length - 1, 0)  # without the terminating zero
 
 
 def has_columns(schema: Schema, type_name: str) -> bool:
-    """Whether messages of a type become columns: none holds a list of messages."""
+    """Return whether messages of a type can become columns: it has no lists of messages."""
     nested = [m for m in schema[type_name] if m.type not in PRIMITIVES and m.type != "string"]
     return all(not m.is_array and has_columns(schema, m.type) for m in nested)
 
@@ -114,30 +118,34 @@ def columns(
     Args:
         schema: from :func:`schema.parse`.
         type_name: ``package/Name``.
-        messages: n serialised messages.
+        messages: n serialized messages.
 
     Returns
     -------
-        The fields, ``a.b`` for nested ones: arrays of shape (n_ok,) or (n_ok, k), text as objects;
-        where rows differ in length the column holds one array per row. And a mask (n,) of the
-        messages that could be decoded (n_ok of them): a recording may hold what a broken publisher
-        sent.
+        Columns by field name, ``a.b`` for nested fields: arrays of shape (n_ok,) or (n_ok, k),
+        strings as objects. If rows differ in length, the column holds one array per row. And a mask
+        (n,) of the n_ok messages that could be decoded; a recording may contain malformed messages
+        of a broken publisher.
 
-    Raises RecordingError for types with lists of messages inside, which have no columns.
+    Raises RecordingError for types with lists of messages, which have no columns.
     """
-    return of_block(schema, type_name, of_messages([Found(0, 0, 0, m) for m in messages]))
+    return of_block(schema, type_name, from_messages([RawMessage(0, 0, 0, m) for m in messages]))
 
 
 def of_block(
     schema: Schema,
     type_name: str,
-    block: Block,
+    block: MessageBlock,
     which: npt.NDArray[np.intp] | None = None,
-    only: Collection[str] | None = None,
+    fields: Collection[str] | None = None,
 ) -> tuple[dict[str, npt.NDArray[Any]], npt.NDArray[np.bool_]]:
-    """Decode messages ``which`` (n,) of a block, by default all, as :func:`columns` does.
+    """Decode messages of a block; see :func:`columns`.
 
-    ``only``: the fields that are wanted; by default all.
+    Args:
+        schema, type_name: as of :func:`columns`.
+        block: the messages.
+        which: (n,) indices of the messages to decode; default: all.
+        fields: names of the fields to decode; default: all.
     """
     which = np.arange(len(block)) if which is None else which
     good = np.zeros(len(which), dtype=bool)
@@ -149,7 +157,7 @@ def of_block(
         rows = np.flatnonzero(sizes == size)
         table = block.rows(which[rows], size)
         while len(rows):
-            same, part = _one_shape(schema, type_name, table, only)
+            same, part = _one_layout(schema, type_name, table, fields)
             if part is not None:
                 parts.append((rows[same], part))
                 good[rows[same]] = True
@@ -157,15 +165,18 @@ def of_block(
     return _join(parts, good), good
 
 
-def _one_shape(
-    schema: Schema, type_name: str, table: npt.NDArray[np.uint8], only: Collection[str] | None
+def _one_layout(
+    schema: Schema, type_name: str, table: npt.NDArray[np.uint8], fields: Collection[str] | None
 ) -> tuple[npt.NDArray[np.bool_], dict[str, npt.NDArray[Any]] | None]:
-    """Decode all rows shaped like the first one; the mask says which those are."""
+    """Decode all rows with the layout of the first one; return their mask and columns.
+
+    The columns are None if the first row cannot be decoded.
+    """
     first = table[0].tobytes()
     try:
-        walker = _Walker(schema, first)
-        walker.message(type_name)
-        layout = walker.finish()
+        parser = _Parser(schema, first)
+        parser.message(type_name)
+        layout = parser.finish()
     except RecordingError as error:
         if "list of messages" in str(error):
             raise
@@ -177,8 +188,8 @@ def _one_shape(
         same &= (table[:, offset : offset + 4] == table[0, offset : offset + 4]).all(axis=1)
     rows = table[same]
     part: dict[str, npt.NDArray[Any]] = {}
-    for name, (offset, code, count) in layout.leaves.items():
-        if only is not None and name not in only:
+    for name, (offset, code, count) in layout.numbers.items():
+        if fields is not None and name not in fields:
             continue
         width = np.dtype(code).itemsize * (1 if count is None else count)
         block = np.ascontiguousarray(rows[:, offset : offset + width])
@@ -186,18 +197,18 @@ def _one_shape(
         values = values.astype(np.dtype(code).newbyteorder("="))
         part[name] = values[:, 0] if count is None else values
     for name, place in layout.strings.items():
-        if only is not None and name not in only:
+        if fields is not None and name not in fields:
             continue
         if isinstance(place, tuple):
-            part[name] = _texts(rows, *place)
+            part[name] = _strings(rows, *place)
         else:
-            texts = [_texts(rows, *one) for one in place]
+            texts = [_strings(rows, *one) for one in place]
             part[name] = np.stack(texts, axis=1) if texts else np.empty((len(rows), 0), object)
     return same, part
 
 
-def _texts(rows: npt.NDArray[np.uint8], offset: int, length: int) -> npt.NDArray[np.object_]:
-    """Text at a fixed place of every row; a run has few different ones, so each is decoded once."""
+def _strings(rows: npt.NDArray[np.uint8], offset: int, length: int) -> npt.NDArray[np.object_]:
+    """Decode the string at an offset of every row; each of the few distinct ones only once."""
     block = np.ascontiguousarray(rows[:, offset : offset + length])
     if (block == block[:1]).all():
         found = np.empty(len(rows), dtype=object)
@@ -213,10 +224,10 @@ def _join(
     parts: list[tuple[npt.NDArray[np.intp], dict[str, npt.NDArray[Any]]]],
     good: npt.NDArray[np.bool_],
 ) -> dict[str, npt.NDArray[Any]]:
-    """Put the rows of all shapes back into the order of the messages."""
+    """Merge the rows of all layouts in the order of the messages."""
     if not parts:
         return {}
-    place = np.cumsum(good) - 1  # row among all messages -> row among the good ones
+    place = np.cumsum(good) - 1  # row among all messages -> row among the decoded ones
     result: dict[str, npt.NDArray[Any]] = {}
     for name, sample in parts[0][1].items():
         pieces = [part[name] for _, part in parts]
@@ -236,8 +247,8 @@ def _join(
     return result
 
 
-def appended(parts: list[dict[str, npt.NDArray[Any]]]) -> dict[str, npt.NDArray[Any]]:
-    """The columns of several lots of messages, one lot after the other; takes ``parts`` apart."""
+def concatenate(parts: list[dict[str, npt.NDArray[Any]]]) -> dict[str, npt.NDArray[Any]]:
+    """Concatenate the columns of several blocks; empties ``parts`` to save memory."""
     parts = [part for part in parts if part]
     result: dict[str, npt.NDArray[Any]] = {}
     for name in list(parts[0]) if parts else ():

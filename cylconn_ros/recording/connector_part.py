@@ -1,7 +1,7 @@
-"""One connector's part of a recording that holds several.
+"""One connector of a recording that holds several.
 
-A node writes with a run, as JSON in ``connectors``, for each connector the whole names of its
-topics by the names that one alone has, its method and its model.
+A node stores, as JSON in the metadata text ``connectors``, for each connector: its topics by the
+names that a single connector uses, its method and its model.
 """
 
 from __future__ import annotations
@@ -17,60 +17,63 @@ from cylconn_ros.scene import multiple, parameter_file
 from cylconn_ros.scene.scene import schema
 
 
-class Part(NamedTuple):
-    """What a recording tells of one connector."""
+class ConnectorRecording(NamedTuple):
+    """Metadata and topics of one connector of a recording."""
 
-    texts: dict[str, str]  # as if it had been alone: parameters, method, model
-    topics: dict[str, str]  # its topics by name; empty where that was not written
-
-
-def names(texts: Mapping[str, str]) -> list[str]:
-    """Names of the connectors in a recording, from what was written with it; none of one alone."""
-    return [name for name in _told(texts) if name]
+    metadata: dict[str, str]  # as of a recording of this connector alone
+    topics: dict[str, str]  # resolved topics by single-connector name; empty if not stored
 
 
-def part(texts: Mapping[str, str], connector: str) -> Part:
-    """What belongs to ``connector``; ``""``: all that there is.
+def names(metadata: Mapping[str, str]) -> list[str]:
+    """Return the names of the connectors in a recording; none for a single, unnamed connector."""
+    return [name for name in _stored(metadata) if name]
 
-    Raises RecordingError where there is none of that name.
+
+def select(metadata: Mapping[str, str], connector: str) -> ConnectorRecording:
+    """Return metadata and topics of ``connector``; of the whole recording for ``""``.
+
+    Raises RecordingError if the recording has no connector of that name.
     """
-    told = _told(texts)
+    stored = _stored(metadata)
     if not connector:
-        only = told.get(multiple.ONE, {})
-        return Part(dict(texts), dict(only.get("topics", {})))
-    if connector not in told:
-        known = ", ".join(names(texts)) or "one, without a name"
+        single = stored.get(multiple.ONE, {})
+        return ConnectorRecording(dict(metadata), dict(single.get("topics", {})))
+    if connector not in stored:
+        known = ", ".join(names(metadata)) or "one, without a name"
         raise RecordingError(f"connector {connector}: is not in the recording; it has {known}")
-    own = dict(told[connector])
+    own = dict(stored[connector])
     topics = {str(name): str(topic) for name, topic in own.pop("topics", {}).items()}
-    found = {**texts, **{key: str(text) for key, text in own.items()}}
+    found = {**metadata, **{key: str(text) for key, text in own.items()}}
     found["connectors"] = json.dumps({multiple.ONE: {**own, "topics": topics}})
-    if "parameters" in texts:
+    if "parameters" in metadata:
         try:
-            split = multiple.split(parameter_file.parameters_of(texts["parameters"]), schema())
+            split = multiple.split(parameter_file.parameters_of(metadata["parameters"]), schema())
         except (SceneError, TypeError, KeyError, AttributeError) as error:
             raise RecordingError(f"parameters stored with the run: {error!r}") from None
         document = {"/**": {"ros__parameters": split.get(connector, {})}}
         found["parameters"] = yaml.safe_dump(document, sort_keys=False)
-    return Part(found, topics)
+    return ConnectorRecording(found, topics)
 
 
-def refuse_together(texts: Mapping[str, str], connector: str, what: str) -> None:
-    """Raise RecordingError where a connector was solved together with others: it is not one alone.
+def refuse_coupled(metadata: Mapping[str, str], connector: str, consequence: str) -> None:
+    """Raise RecordingError if a connector was solved together with others.
 
-    ``texts``: of its part. ``what`` cannot be done then, in words.
+    Args:
+        metadata: of this connector, from :func:`select`.
+        connector: its name.
+        consequence: end of the message, e.g. "it cannot be replayed alone".
     """
-    others = texts.get("together", "")
+    others = metadata.get("together", "")
     if others:
-        raise RecordingError(f"{connector} was solved together with {others}: {what}")
+        raise RecordingError(f"{connector} was solved together with {others}: {consequence}")
 
 
-def _told(texts: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """What was written of each connector; nothing where that is not of this form."""
+def _stored(metadata: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the stored facts by connector; empty if the text is missing or malformed."""
     try:
-        told = json.loads(texts.get("connectors", "{}"))
+        stored = json.loads(metadata.get("connectors", "{}"))
     except ValueError:
         return {}
-    if not isinstance(told, dict):
+    if not isinstance(stored, dict):
         return {}
-    return {str(name): one for name, one in told.items() if isinstance(one, dict)}
+    return {str(name): facts for name, facts in stored.items() if isinstance(facts, dict)}

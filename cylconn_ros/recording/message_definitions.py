@@ -15,10 +15,10 @@ SEPARATOR = "=" * 80
 
 @dataclass(frozen=True)
 class Interface:
-    """What a recording has to say about a message type so that any reader can decode it."""
+    """Definition and hash of a message type, with which any reader can decode its messages."""
 
     type: str  # package/msg/Name
-    definition: str  # .msg text, the definitions it refers to appended (encoding `ros2msg`)
+    definition: str  # .msg text with the referenced definitions appended (encoding `ros2msg`)
     type_hash: str  # RIHS01_..., REP-2011
 
 
@@ -38,9 +38,9 @@ def _find(type_name: str, suffix: str) -> Path:
 
 @cache
 def interface(type_name: str) -> Interface:
-    """Look up a message type, e.g. ``geometry_msgs/msg/PoseStamped``.
+    """Return definition and hash of an installed type, e.g. ``geometry_msgs/msg/PoseStamped``.
 
-    Raises RecordingError when the type is not installed or its files cannot be read.
+    Raises RecordingError if the type is not installed or its files cannot be read.
     """
     path = _find(type_name, ".json")
     try:

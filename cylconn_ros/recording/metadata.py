@@ -1,4 +1,4 @@
-"""The texts around the messages: metadata.yaml of a rosbag2 directory, QoS, parameters."""
+"""Metadata of a recording: rosbag2 metadata.yaml, QoS profiles, parameters as YAML."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import Any
 
 import yaml
 
-ROSBAG2_VERSION = 9  # the metadata version ROS 2 Jazzy writes
-_FOREVER = {"sec": 9223372036, "nsec": 854775807}  # rmw's infinite duration
+METADATA_RECORD = "cylconn_ros"
+"""Name of the MCAP metadata record with parameters, version and method of a run."""
+ROSBAG2_VERSION = 9  # the metadata version that ROS 2 Jazzy writes
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}  # RMW_DURATION_INFINITE
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic to record: resolved name, type (``package/msg/Name``) and the QoS offered."""
+    """A topic to record: resolved name, type (``package/msg/Name``) and offered QoS."""
 
     name: str
     type: str
@@ -25,24 +27,24 @@ class TopicInfo:
     depth: int = 50
 
     def qos(self) -> list[dict[str, Any]]:
-        """``offered_qos_profiles`` with one profile, in rosbag2's words."""
+        """Return ``offered_qos_profiles`` with one profile, in rosbag2's format."""
         return [
             {
                 "history": self.history,
                 "depth": self.depth,
                 "reliability": self.reliability,
                 "durability": self.durability,
-                "deadline": dict(_FOREVER),
-                "lifespan": dict(_FOREVER),
+                "deadline": dict(_INFINITE),
+                "lifespan": dict(_INFINITE),
                 "liveliness": "automatic",
-                "liveliness_lease_duration": dict(_FOREVER),
+                "liveliness_lease_duration": dict(_INFINITE),
                 "avoid_ros_namespace_conventions": False,
             }
         ]
 
 
 def to_yaml(data: object) -> str:
-    """Block-style YAML in the order given."""
+    """Serialize ``data`` as block-style YAML; keys keep their order."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True)
 
 
@@ -78,7 +80,7 @@ def bag_information(
             }
             for topic in topics
         ],
-        # MCAP compresses its chunks itself; to rosbag2 that is no compression.
+        # MCAP compresses chunks inside the file; rosbag2 declares only its own compression.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],
@@ -89,9 +91,9 @@ def bag_information(
 
 
 def parameters_yaml(parameters: Mapping[str, object], node: str = "/**") -> str:
-    """Flat, dotted parameters as a ROS 2 parameter file, loadable again as a scene.
+    """Serialize dotted parameters as a ROS 2 parameter file that loads as a scene.
 
-    Unset values (None, empty lists) are left out: an empty list has no type in ROS 2.
+    Unset values (None, empty lists) are omitted, since an empty list has no type in ROS 2.
     """
     tree: dict[str, Any] = {}
     for name, value in parameters.items():
@@ -108,7 +110,7 @@ def parameters_yaml(parameters: Mapping[str, object], node: str = "/**") -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists of numbers on one line, long texts as blocks, no anchors."""
+    """YAML with number lists in one line, multi-line strings as literal blocks, no anchors."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""Read a recorded run back: one table of NumPy columns per topic, and the parameters in force."""
+"""Recorded runs: :func:`read_run`, tables of NumPy columns per topic, parameters in force."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -19,81 +18,42 @@ from mcap.writer import MCAP0_MAGIC
 
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording import connector_part, schema, sqlite
-from cylconn_ros.recording.columns import appended, has_columns, of_block
-from cylconn_ros.recording.mcap_reader import Source
-from cylconn_ros.recording.message_block import Block
+from cylconn_ros.recording.columns import concatenate, has_columns, of_block
+from cylconn_ros.recording.mcap.message_block import MessageBlock
+from cylconn_ros.recording.mcap.reader import McapReader
 from cylconn_ros.recording.message_definitions import interface
+from cylconn_ros.recording.table import Table
 
-STAMP = ("header.stamp.sec", "header.stamp.nanosec")
-"""Fields of a message's stamp."""
 _STATE_TYPE = "cylconn_ros/msg/ConnectorState"
 
 
-@dataclass(frozen=True)
-class Table:
-    """The messages of one topic in the order they were written.
-
-    ``table["pose.position.x"]`` is the column of a field, shape (n,) or (n, k). Messages that are
-    not what their type says are left out of the columns and counted in ``undecodable``.
-    """
-
-    topic: str
-    type: str
-    log_time: npt.NDArray[np.int64]  # (n,) ns since the epoch, when recorded
-    publish_time: npt.NDArray[np.int64]  # (n,) ns since the epoch, when sent
-    columns: Mapping[str, npt.NDArray[Any]]
-    undecodable: int
-
-    def __len__(self) -> int:
-        return len(self.log_time)
-
-    def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        try:
-            return self.columns[name]
-        except KeyError:
-            known = ", ".join(self.columns) or "none"
-            raise RecordingError(f"{self.topic} has no field {name!r}; it has {known}") from None
-
-    @property
-    def stamp(self) -> npt.NDArray[np.int64]:
-        """Header stamps, ns, shape (n,)."""
-        seconds = self["header.stamp.sec"].astype(np.int64)
-        return seconds * 1_000_000_000 + self["header.stamp.nanosec"]
-
-    @property
-    def time(self) -> npt.NDArray[np.float64]:
-        """Seconds since the first header stamp, shape (n,)."""
-        stamp = self.stamp
-        return np.asarray((stamp - stamp[:1]) * 1e-9, dtype=np.float64)
-
-
-_Counted = tuple[int, int, int]  # messages, log times of the first and the last
+_Counted = tuple[int, int, int]  # messages, log time of the first and of the last
 
 
 @dataclass
 class _Channel:
     type: str
     definition: str
-    numbers: set[int] = field(default_factory=set)  # in the file; mostly one
+    numbers: set[int] = field(default_factory=set)  # channel numbers in the file; usually one
     count: int = 0
     times: tuple[int, int] = (0, 0)  # log times of the first and the last message
 
     def add(self, count: int, first: int, last: int) -> None:
-        """Count messages, and keep the log times of the first and the last."""
+        """Count messages, and update the log times of the first and the last."""
         self.times = (self.times[0] if self.count else first), last
         self.count += count
 
 
 class Run:
-    """A recorded run. Its messages stay in the file until they are asked for.
+    """A recorded run; its messages are read from the file on demand.
 
     Attributes
     ----------
         path: the recorded file.
-        metadata: texts stored with the run (``version``, ``method``, ``parameters``, …).
+        metadata: texts stored with the run (``version``, ``method``, ``parameters``, etc.).
         parameters: parameters in force, nested as in a scene file; empty if none were stored.
-        counts: messages per topic.
-        incomplete: why the recording is not whole, or None.
+        counts: messages per topic. types: message type per topic.
+        incomplete: why the recording is incomplete, or None.
     """
 
     def __init__(
@@ -114,44 +74,46 @@ class Run:
 
     @property
     def connectors(self) -> list[str]:
-        """Names of the connectors that were recorded; none where there is one alone."""
+        """Names of the recorded connectors; none for a single, unnamed connector."""
         return connector_part.names(self.metadata)
 
-    def only(self, connector: str) -> Run:
-        """The part of one of several connectors; raises RecordingError where there is none such."""
-        found = connector_part.part(self.metadata, connector)
+    def select(self, connector: str) -> Run:
+        """Return the run of one of several connectors; raise RecordingError if it is unknown."""
+        found = connector_part.select(self.metadata, connector)
         channels = {topic: self._channels[topic] for topic in found.topics.values()
                     if topic in self._channels}  # fmt: skip
-        return Run(self.path, found.texts, channels, self.incomplete)
+        return Run(self.path, found.metadata, channels, self.incomplete)
 
     @property
     def names(self) -> dict[str, str]:
-        """Topics of a run of ours by the names that one connector alone has."""
-        return connector_part.part(self.metadata, "").topics
+        """Resolved topics of a single connector by name, e.g. ``body_b/pose``; else empty."""
+        return connector_part.select(self.metadata, "").topics
 
     @property
     def version(self) -> str:
-        """Version of the program that recorded it; empty if unknown."""
+        """Version of cylconn_ros that recorded the run; empty if unknown."""
         return self.metadata.get("version", "")
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last message, by their log times."""
+        """Seconds from the first to the last message, by log time."""
         ends = [c.times for c in self._channels.values() if c.count]
         return (max(e for _, e in ends) - min(s for s, _ in ends)) * 1e-9 if ends else 0.0
 
     def raw(self, topic: str) -> Iterator[tuple[int, int, bytes]]:
-        """Log time, publish time (ns) and bytes of every message of a topic, as written."""
+        """Yield log time, publish time (ns) and serialized bytes of every message of a topic."""
         numbers = self._channel(topic).numbers
         for block in _blocks(self.path):
             for number, log_time, publish_time, data in block.messages():
                 if number in numbers:
                     yield log_time, publish_time, data
 
-    def pieces(self, *topics: str, only: Collection[str] | None = None) -> Iterator[Table]:
-        """Topics decoded as the file is read: tables of some messages, in the order of the file.
+    def read_blocks(self, *topics: str, fields: Collection[str] | None = None) -> Iterator[Table]:
+        """Yield tables of some messages each, in file order, without loading whole topics.
 
-        ``only``: the fields that are wanted; by default all.
+        Args:
+            topics: topics to decode.
+            fields: the fields to decode; default: all.
 
         Raises RecordingError for a topic that is unknown or whose type has no columns.
         """
@@ -163,7 +125,7 @@ class Run:
                 if not len(which):
                     continue
                 try:
-                    found, good = of_block(*schemas[topic], block, which, only)
+                    found, good = of_block(*schemas[topic], block, which, fields)
                 except RecordingError as error:
                     raise RecordingError(f"{topic} ({channel.type}): {error}") from None
                 log_time = block.log_time[which][good].astype(np.int64)
@@ -172,21 +134,21 @@ class Run:
                 yield Table(topic, channel.type, log_time, publish_time, found, undecodable)
 
     def has_columns(self, topic: str) -> bool:
-        """Whether a topic can be decoded: no lists of messages in it."""
+        """Return whether a topic can be decoded: its type is known and has no message lists."""
         try:
             return has_columns(*self._schema(topic))
         except RecordingError:
             return False
 
     def table(self, topic: str) -> Table:
-        """Decode a topic; raises RecordingError if it is unknown or its type has no columns."""
+        """Decode a topic; raise RecordingError if it is unknown or its type has no columns."""
         if topic not in self._tables:
-            pieces = list(self.pieces(topic))
+            blocks = list(self.read_blocks(topic))
             none = [np.zeros(0, np.int64)]
-            log_time = np.concatenate([piece.log_time for piece in pieces] or none)
-            publish_time = np.concatenate([piece.publish_time for piece in pieces] or none)
-            undecodable = sum(piece.undecodable for piece in pieces)
-            found = appended([dict(piece.columns) for piece in pieces])
+            log_time = np.concatenate([block.log_time for block in blocks] or none)
+            publish_time = np.concatenate([block.publish_time for block in blocks] or none)
+            undecodable = sum(block.undecodable for block in blocks)
+            found = concatenate([dict(block.columns) for block in blocks])
             kind = self._channel(topic).type
             self._tables[topic] = Table(topic, kind, log_time, publish_time, found, undecodable)
         return self._tables[topic]
@@ -203,16 +165,16 @@ class Run:
 
     @property
     def state(self) -> Table:
-        """The connector's states; raises RecordingError unless exactly one topic has them."""
+        """The ConnectorState table; raises RecordingError unless exactly one topic has it."""
         return self.table(self.state_topic)
 
     @property
     def state_topic(self) -> str:
-        """Their topic; raises RecordingError unless there is exactly one."""
+        """Topic of the states; raises RecordingError unless there is exactly one."""
         topics = [topic for topic, name in self.types.items() if name == _STATE_TYPE]
         if self.connectors:
             raise RecordingError(
-                f"{self.path}: holds several connectors, {', '.join(self.connectors)}: "
+                f"{self.path}: contains several connectors, {', '.join(self.connectors)}: "
                 "choose one with --connector NAME"
             )
         if len(topics) != 1:
@@ -221,9 +183,10 @@ class Run:
         return topics[0]
 
     def topic(self, ending: str) -> str:
-        """Find the one topic whose name ends in ``ending``, whatever namespace the run had.
+        """Return the one topic whose name ends in ``ending``, in any namespace.
 
-        ``~/…`` is a topic below the name of the node that recorded.
+        ``~/name`` is a topic below the name of the recording node. Raises RecordingError if there
+        is no such topic, or more than one.
         """
         if ending.startswith("~/"):
             below = [self.metadata.get("node", "") + ending[1:], "/connector" + ending[1:]]
@@ -243,10 +206,20 @@ class Run:
 
 
 def read_run(path: Path | str, connector: str = "") -> Run:
-    """Read a recorded run from its directory, or from its MCAP file.
+    """Open a recorded run.
 
-    Of a run of several connectors, ``connector`` chooses one. Raises RecordingError when there is
-    no recording, it was never finished, or its parts disagree.
+    Args:
+        path: the rosbag2 directory, or its MCAP or SQLite (.db3) file.
+        connector: the one to select of a run of several connectors.
+
+    Returns
+    -------
+        The run; its ``incomplete`` holds the reason if the recording is incomplete.
+
+    Raises
+    ------
+        RecordingError: there is no recording, it was never finished, it has no such connector, or
+            its metadata cannot be read.
     """
     path = Path(path)
     declared: dict[str, Any] | None = None
@@ -258,7 +231,7 @@ def read_run(path: Path | str, connector: str = "") -> Run:
             raise RecordingError(f"{path}: expected one recorded file, found {len(names)}")
         file = path / names[0]
     try:
-        read = _read_database if file.suffix == sqlite.SUFFIX else _read_file
+        read = _read_sqlite if file.suffix == sqlite.SUFFIX else _read_mcap
         metadata, channels = read(file)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
@@ -266,35 +239,38 @@ def read_run(path: Path | str, connector: str = "") -> Run:
         raise RecordingError(f"{file}: not a readable recording: {error!r}") from error
     run = Run(file, metadata, channels)
     run.incomplete = _disagreement(run, declared)
-    return run.only(connector) if connector else run
+    return run.select(connector) if connector else run
 
 
-def _read_file(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
-    """Texts and topics of an MCAP file, its messages counted."""
+def _read_mcap(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
+    """Return metadata and topics of an MCAP file, with message counts."""
     with file.open("rb") as stream:
         _check_ends(file, stream)
         if make_reader(stream).get_summary() is None:
-            raise RecordingError(f"{file}: has no summary, by which messages are looked up")
+            raise RecordingError(f"{file}: has no MCAP summary")
         stream.seek(0)
-        source = Source(stream, file.stat().st_size)
-        counted = [_counted(block) for block in source.blocks()]
-    if source.damage:
-        raise RecordingError(f"{file}: not a readable recording: {source.damage}")
+        reader = McapReader(stream, file.stat().st_size)
+        counted = [_count(block) for block in reader.blocks()]
+    if reader.damage:
+        raise RecordingError(f"{file}: not a readable recording: {reader.damage}")
     channels: dict[str, _Channel] = {}
-    for number, channel in sorted(source.channels.items()):
-        kind = source.type_of(number)
-        definition = source.schemas[channel.schema_id].data.decode("utf-8")
+    for number, channel in sorted(reader.channels.items()):
+        kind = reader.type_of(number)
+        definition = reader.schemas[channel.schema_id].data.decode("utf-8")
         kept = channels.setdefault(channel.topic, _Channel(kind, definition))
         kept.numbers.add(number)
     for block in counted:
         for number, found in block.items():
-            channels[source.channels[number].topic].add(*found)
-    return source.texts, channels
+            channels[reader.channels[number].topic].add(*found)
+    return reader.metadata, channels
 
 
-def _read_database(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
-    """The same of SQLite, which defines no types: those that are installed can be decoded."""
-    file.stat()  # or SQLite says less of what is wrong
+def _read_sqlite(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
+    """Return topics of an SQLite file, which has no metadata.
+
+    It has no message definitions either; the installed ones are used.
+    """
+    file.stat()  # its OSError is clearer than the error of SQLite
     channels: dict[str, _Channel] = {}
     topics = sqlite.topics(file)
     for number, (topic, kind) in enumerate(topics):
@@ -304,13 +280,13 @@ def _read_database(file: Path) -> tuple[dict[str, str], dict[str, _Channel]]:
             definition = ""
         channels.setdefault(topic, _Channel(kind, definition)).numbers.add(number)
     for _, block, _ in sqlite.messages(file):
-        for number, found in _counted(block).items():
+        for number, found in _count(block).items():
             channels[topics[number][0]].add(*found)
     return {}, channels
 
 
-def _counted(block: Block) -> dict[int, _Counted]:
-    """How many messages a block has of each channel, and their first and last log time."""
+def _count(block: MessageBlock) -> dict[int, _Counted]:
+    """Return the messages of each channel in a block, with first and last log time."""
     numbers, first, counts = np.unique(block.channel, return_index=True, return_counts=True)
     _, last = np.unique(block.channel[::-1], return_index=True)
     times = block.log_time
@@ -320,20 +296,20 @@ def _counted(block: Block) -> dict[int, _Counted]:
     }
 
 
-def _blocks(file: Path) -> Iterator[Block]:
+def _blocks(file: Path) -> Iterator[MessageBlock]:
     if file.suffix == sqlite.SUFFIX:
         for _, block, _ in sqlite.messages(file):
             yield block
         return
     try:
         with file.open("rb") as stream:
-            yield from Source(stream, file.stat().st_size).blocks()
+            yield from McapReader(stream, file.stat().st_size).blocks()
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
 
 
 def _check_ends(file: Path, stream: IO[bytes]) -> None:
-    """Refuse a file that does not begin and end as MCAP files do, and say why."""
+    """Raise RecordingError if a file does not begin and end with the MCAP magic bytes."""
     length = len(MCAP0_MAGIC)
     if stream.read(length) != MCAP0_MAGIC:
         raise RecordingError(
@@ -343,8 +319,7 @@ def _check_ends(file: Path, stream: IO[bytes]) -> None:
     stream.seek(max(length, end - length))
     if stream.read() != MCAP0_MAGIC:
         raise RecordingError(
-            f"{file}: never finished (no summary at its end); cylconn salvage gives back what it "
-            "has"
+            f"{file}: never finished (no summary at its end); cylconn salvage recovers its messages"
         )
     stream.seek(0)
 
@@ -357,7 +332,7 @@ def _bag_information(directory: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise RecordingError(
             f"{directory}: no metadata.yaml: not a recorded run, or one that was never closed "
-            "(cylconn salvage gives back what that has)"
+            "(cylconn salvage recovers its messages)"
         ) from None
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from error
@@ -366,7 +341,7 @@ def _bag_information(directory: Path) -> dict[str, Any]:
 
 
 def _disagreement(run: Run, declared: dict[str, Any] | None) -> str | None:
-    """Compare what metadata.yaml says with what is in the file."""
+    """Compare metadata.yaml with the file; return the first difference, or None."""
     if declared is None:
         return None
     reason = (declared.get("custom_data") or {}).get("incomplete")

@@ -1,4 +1,4 @@
-"""Give back what a recording holds that was never closed, or that is damaged, as a valid run."""
+"""Recovery of a recording that was never closed or is damaged, as a new valid run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import yaml
 from mcap.records import Channel
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording.mcap_reader import Source
+from cylconn_ros.recording.mcap.reader import McapReader
 from cylconn_ros.recording.message_definitions import Interface
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import read_run
@@ -21,52 +21,52 @@ _READ_AHEAD = 1 << 20
 
 @dataclass(frozen=True)
 class Salvaged:
-    """What was saved."""
+    """Result of a recovery."""
 
     directory: Path  # the new run
     messages: int
-    seconds: float  # from the first to the last, by log times
-    damage: str  # what was wrong with the source, in words
+    seconds: float  # from the first to the last message, by log time
+    damage: str  # description of the damage of the source
 
 
 def salvage(source: Path, target: Path | None = None) -> Salvaged:
-    """Write what can be read of ``source`` as a new run.
+    """Write the readable messages of ``source`` to a new run.
 
     Args:
         source: a recorded directory, with or without metadata.yaml, or an .mcap file.
-        target: the new directory; by default beside the source, its name with ``_salvaged``.
+        target: the new directory; default: beside the source, its name with ``_salvaged``.
 
     Raises
     ------
-        RecordingError: there is no recording, it is whole, nothing in it can be read, or the new
-            run cannot be written.
+        RecordingError: there is no recording, it is complete, it has no readable message, or the
+            new run cannot be written.
     """
-    if _is_whole(source):
-        raise RecordingError(f"{source}: is whole: nothing to salvage")
+    if _is_complete(source):
+        raise RecordingError(f"{source}: is complete: nothing to salvage")
     file = _file(source)
     run = source if source.is_dir() else source.with_suffix("")
     target = target or run.with_name(f"{run.name}_salvaged")
     try:
         size = file.stat().st_size
         with file.open("rb", buffering=_READ_AHEAD) as stream:
-            found = Source(stream, size)
-            count = sum(1 for _ in found.messages())  # first to know all topics
+            first_pass = McapReader(stream, size)  # collects all topics
+            count = sum(1 for _ in first_pass.messages())
             if not count:
                 raise RecordingError(
-                    f"{file}: holds no message that can be read: {found.damage or 'it is empty'}"
+                    f"{file}: contains no readable message: {first_pass.damage or 'it is empty'}"
                 )
         with file.open("rb", buffering=_READ_AHEAD) as stream:
-            return _write(Source(stream, size), found, target, file)
+            return _write(McapReader(stream, size), first_pass, target, file)
     except OSError as error:
         raise RecordingError(f"{file}: {error.strerror or error}") from error
 
 
-def _write(source: Source, known: Source, target: Path, file: Path) -> Salvaged:
+def _write(reader: McapReader, known: McapReader, target: Path, file: Path) -> Salvaged:
     topics, interfaces = _topics(known)
     start, end, count = 1 << 64, 0, 0
-    texts = {**known.texts, "salvaged": f"from {file.name}: {known.damage or 'never closed'}"}
-    with RunWriter(target, list(topics.values()), texts, interfaces=interfaces) as writer:
-        for message in source.messages():
+    metadata = {**known.metadata, "salvaged": f"from {file.name}: {known.damage or 'never closed'}"}
+    with RunWriter(target, list(topics.values()), metadata, interfaces=interfaces) as writer:
+        for message in reader.messages():
             topic = topics[message.channel].name
             writer.write(topic, message.data, message.log_time, message.publish_time)
             start, end = min(start, message.log_time), max(end, message.log_time)
@@ -74,12 +74,12 @@ def _write(source: Source, known: Source, target: Path, file: Path) -> Salvaged:
     return Salvaged(target, count, (end - start) * 1e-9, known.damage or "it was never closed")
 
 
-def _topics(known: Source) -> tuple[dict[int, TopicInfo], dict[str, Interface]]:
+def _topics(known: McapReader) -> tuple[dict[int, TopicInfo], dict[str, Interface]]:
     topics, interfaces = {}, {}
     for channel in known.channels.values():
         schema = known.schemas.get(channel.schema_id)
         if schema is None:
-            raise RecordingError(f"{channel.topic}: the recording does not say its type")
+            raise RecordingError(f"{channel.topic}: the recording does not define its message type")
         topics[channel.id] = TopicInfo(channel.topic, schema.name, **_qos(channel))
         interfaces[schema.name] = Interface(
             schema.name, schema.data.decode(), channel.metadata.get("topic_type_hash", "")
@@ -96,7 +96,7 @@ def _qos(channel: Channel) -> dict[str, Any]:
         return {}
 
 
-def _is_whole(source: Path) -> bool:
+def _is_complete(source: Path) -> bool:
     try:
         return read_run(source).incomplete is None
     except RecordingError:

@@ -1,6 +1,7 @@
-"""The samples in a recorded run: its inputs, put together by the node's own matching.
+"""Samples of a recorded run: its input messages, synchronized as by the node.
 
-Messages go in as they were recorded, loads before poses before twists of the same moment.
+Messages are processed in the order of their log times; at equal times loads before poses before
+twists.
 """
 
 from __future__ import annotations
@@ -12,104 +13,112 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.synchronizer import Matched, SampleMatcher
+from cylconn_ros.connector.synchronizer import SampleMatcher, SynchronizedSample
 from cylconn_ros.core import layout
-from cylconn_ros.recording.run import Run, Table
+from cylconn_ros.recording.run import Run
+from cylconn_ros.recording.table import Table
+from cylconn_ros.scene.inputs import BODIES, INPUTS, InputType
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
-_BODIES = ("body_a", "body_b")
+# In the order of processing at equal log times: loads, then motion.
+_KINDS = tuple(sorted(INPUTS, key=lambda kind: kind.carries_motion))
+_BATCH = 4096  # samples that are converted to arrays at once
 
 
-class Sampled(NamedTuple):
+class RecordedSample(NamedTuple):
     """A complete sample of a run."""
 
     stamp: int  # ns
-    h: float  # s since the sample before; 0 for the first of a history
+    h: float  # s since the previous sample; 0 for the first of a history
     restarted: bool  # a new history begins
     sample: Array  # (NSAMPLE,)
 
 
 def vectors(table: Table, names: tuple[str, ...], axes: str = "xyz") -> Array:
-    """Stack the columns of vectors: (n, 3) for each of ``names``."""
+    """Stack the columns ``name.axis`` of vector fields: (n, len(names) * len(axes))."""
     return np.column_stack([table[f"{name}.{axis}"] for name in names for axis in axes])
 
 
-def _pose(table: Table, prefix: str) -> Array:
-    position = vectors(table, (f"{prefix}position",))
-    return np.hstack([position, vectors(table, (f"{prefix}orientation",), "xyzw")])
+def synchronized_samples(
+    run: Run, scene: Scene, remap: Mapping[str, str] | None = None
+) -> Iterator[RecordedSample]:
+    """Yield the complete samples of a run, in recording order.
 
+    Args:
+        run: the recording.
+        scene: the parameters of the connector.
+        remap: topics of the recording by input name, e.g. ``{"body_b/pose": "/arm/pose"}``.
 
-def matched(run: Run, scene: Scene, names: Mapping[str, str] | None = None) -> Iterator[Sampled]:
-    """The samples of a run as the node's own matching makes them, in the order of the recording.
-
-    ``names`` says where a run has another topic for one of ours: ``{"body_b/pose": "/arm/pose"}``.
-    Raises RecordingError for a topic named that is not there, or one of inputs without columns.
+    Raises RecordingError if a topic of ``remap`` is missing, or an input topic has no columns.
     """
     matcher = SampleMatcher(scene)
-    own = {ours: topic for ours, topic in run.names.items() if topic in run.types}
-    takers: list[Callable[[int], Matched | None]] = []
+    stored = {name: topic for name, topic in run.names.items() if topic in run.types}
+    handlers: list[Callable[[int], SynchronizedSample | None]] = []
     places: list[NDArray[np.int64]] = []  # log time, rank, stream and row of every message
     loads = 0
-    for body, name in enumerate(_BODIES):
-        for rank, kind in enumerate(("load", "pose", "twist", "odom")):
-            ours = f"{name}/{kind}"
-            topic = (names or {}).get(ours) or own.get(ours)
+    for body, name in enumerate(BODIES):
+        for rank, kind in enumerate(_KINDS):
+            ours = f"{name}/{kind.topic}"
+            topic = (remap or {}).get(ours) or stored.get(ours)
             if topic is None:
                 topic = next((t for t in run.types if t.endswith(ours)), None)
             if topic is None:
                 continue
-            loads += kind == "load"  # also where none came: then there was none
+            loads += (
+                not kind.carries_motion
+            )  # also for a topic without messages: then there was no load
             if topic in run.counts and not run.counts[topic]:
                 continue
             table = run.table(topic)
-            count, stream = len(table), len(takers)
+            count, stream = len(table), len(handlers)
             row = np.arange(count)
             places.append(
                 np.stack([table.log_time, np.full(count, rank), np.full(count, stream), row])
             )
-            takers.append(_taker(matcher, body, kind, table))
-    if not loads:  # simulate knows its loads from the scene
+            handlers.append(_handler(matcher, body, kind, table))
+    if not loads:  # a simulated run has no load topics: its loads are in the scene
         matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    together = np.concatenate(places or [np.zeros((4, 0), np.int64)], axis=1)
-    # in the order of log times; at one time loads, poses, twists, each in its own order
-    order = np.lexsort((together[3], together[1], together[0]))
-    stream_of, row_of = together[2:, order]
-    del together, places, order
+    merged = np.concatenate(places or [np.zeros((4, 0), np.int64)], axis=1)
+    # By log time; at equal times by rank, each topic in its own order.
+    order = np.lexsort((merged[3], merged[1], merged[0]))
+    stream_of, row_of = merged[2:, order]
+    del merged, places, order
     for stream, row in zip(stream_of, row_of, strict=True):
-        found = takers[stream](row)
+        found = handlers[stream](row)
         if found is not None and not found.repeated:
-            yield Sampled(found.stamp, found.h, found.restarted, matcher.sample.copy())
+            yield RecordedSample(found.stamp, found.h, found.restarted, matcher.sample.copy())
 
 
-class Samples(Sequence[Sampled]):
-    """Samples kept as columns: a third of what as many objects take.
+class SampleArrays(Sequence[RecordedSample]):
+    """Samples as arrays, which take a third of the memory of objects.
 
     Attributes
     ----------
-        stamps: (n,) ns. since: (n,) s since the sample before.
-        restarted: (n,) a new history begins.
-        numbers: (n, NSAMPLE).
+        stamps: (n,) ns.
+        h: (n,) s since the previous sample.
+        restarted: (n,) bool, a new history begins.
+        samples: (n, NSAMPLE).
     """
 
     def __init__(
-        self, stamps: NDArray[np.int64], since: Array, restarted: NDArray[np.bool_], numbers: Array
+        self, stamps: NDArray[np.int64], h: Array, restarted: NDArray[np.bool_], samples: Array
     ) -> None:
-        self.stamps, self.since, self.restarted, self.numbers = stamps, since, restarted, numbers
+        self.stamps, self.h, self.restarted, self.samples = stamps, h, restarted, samples
 
     @classmethod
-    def of(cls, samples: Iterable[Sampled]) -> Samples:
-        """Keep samples as they come."""
-        if isinstance(samples, Samples):
+    def collect(cls, samples: Iterable[RecordedSample]) -> SampleArrays:
+        """Convert an iterable of samples."""
+        if isinstance(samples, SampleArrays):
             return samples
         parts: list[tuple[NDArray[Any], ...]] = []
         rest = iter(samples)
-        while some := list(itertools.islice(rest, 4096)):
-            stamps, since, restarted, numbers = zip(*some, strict=True)
+        while batch := list(itertools.islice(rest, _BATCH)):
+            stamps, h, restarted, rows = zip(*batch, strict=True)
             parts.append(
-                (np.array(stamps, np.int64), np.array(since, np.float64),
-                 np.array(restarted, np.bool_), np.array(numbers, np.float64))
+                (np.array(stamps, np.int64), np.array(h, np.float64),
+                 np.array(restarted, np.bool_), np.array(rows, np.float64))
             )  # fmt: skip
         if not parts:
             none = np.zeros(0, np.int64)
@@ -120,48 +129,44 @@ class Samples(Sequence[Sampled]):
         return len(self.stamps)
 
     @overload
-    def __getitem__(self, k: int) -> Sampled: ...
+    def __getitem__(self, k: int) -> RecordedSample: ...
     @overload
-    def __getitem__(self, k: slice) -> Samples: ...
-    def __getitem__(self, k: int | slice) -> Sampled | Samples:
+    def __getitem__(self, k: slice) -> SampleArrays: ...
+    def __getitem__(self, k: int | slice) -> RecordedSample | SampleArrays:
         if isinstance(k, slice):
-            return Samples(self.stamps[k], self.since[k], self.restarted[k], self.numbers[k])
-        return Sampled(
-            int(self.stamps[k]), float(self.since[k]), bool(self.restarted[k]), self.numbers[k]
+            return SampleArrays(self.stamps[k], self.h[k], self.restarted[k], self.samples[k])
+        return RecordedSample(
+            int(self.stamps[k]), float(self.h[k]), bool(self.restarted[k]), self.samples[k]
         )
 
-    def every_second(self) -> Samples:
-        """The samples with every second left out."""
-        since, restarted = self.since[::2].copy(), self.restarted[::2].copy()
-        count = len(since) - 1
-        since[1:] += self.since[1::2][:count]
+    def every_second(self) -> SampleArrays:
+        """Return every second sample, from the first on, with ``h`` adapted."""
+        h, restarted = self.h[::2].copy(), self.restarted[::2].copy()
+        count = len(h) - 1
+        h[1:] += self.h[1::2][:count]
         restarted[1:] |= self.restarted[1::2][:count]
-        return Samples(self.stamps[::2], since, restarted, self.numbers[::2])
+        return SampleArrays(self.stamps[::2], h, restarted, self.samples[::2])
 
 
-def _taker(
-    matcher: SampleMatcher, body: int, kind: str, table: Table
-) -> Callable[[int], Matched | None]:
-    """What gives the matcher a message of one topic, by its row."""
+def _handler(
+    matcher: SampleMatcher, body: int, kind: InputType, table: Table
+) -> Callable[[int], SynchronizedSample | None]:
+    """Return the function that passes row k of a topic's table to the synchronizer."""
     frames, stamps = table["header.frame_id"], table.stamp
-    if kind == "odom":
-        poses = _pose(table, "pose.pose.")
-        twists = vectors(table, ("twist.twist.linear", "twist.twist.angular"))
-        children = table["child_frame_id"]
-        return lambda k: matcher.odometry(
-            body,
-            int(stamps[k]),
-            (str(frames[k]), str(children[k])),
-            poses[k].tolist(),
-            twists[k].tolist(),
-        )
-    if kind == "load":
-        wrenches = vectors(table, ("wrench.force", "wrench.torque"))
-        return lambda k: matcher.load(body, str(frames[k]), wrenches[k].tolist())
-    rows = (
-        _pose(table, "pose.")
-        if kind == "pose"
-        else vectors(table, ("twist.linear", "twist.angular"))
+    pairs: Array = (
+        vectors(table, kind.pair_fields) if kind.pair_fields[0] else np.empty((len(table), 0))
     )
-    take = matcher.pose if kind == "pose" else matcher.twist
-    return lambda k: take(body, int(stamps[k]), str(frames[k]), rows[k].tolist())
+    if not kind.carries_motion:
+        return lambda k: matcher.load(body, str(frames[k]), pairs[k].tolist())
+    poses: Array = np.empty((len(table), 0))
+    if kind.pose_fields[0]:
+        position, orientation = kind.pose_fields
+        poses = np.hstack([vectors(table, (position,)), vectors(table, (orientation,), "xyzw")])
+    children = table["child_frame_id"] if kind.has_child_frame else None
+    return lambda k: matcher.motion(
+        body,
+        int(stamps[k]),
+        (str(frames[k]), None if children is None else str(children[k])),
+        poses[k].tolist(),
+        pairs[k].tolist(),
+    )

@@ -1,4 +1,4 @@
-"""What a ``ros2msg`` schema says: the fields of a message and of the messages it contains."""
+"""Parser of ``ros2msg`` schemas: the fields of a message and of its nested messages."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _FIELD = re.compile(
 
 @dataclass(frozen=True)
 class Field:
-    """One field: its element type (primitive, ``string`` or ``package/Name``) and how many."""
+    """One field: element type (primitive, ``string`` or ``package/Name``) and element count."""
 
     name: str
     type: str
-    count: int | None = 1  # None: a sequence, its length is in the message
+    count: int | None = 1  # None: a sequence, whose length is in the message
     is_array: bool = False
 
 
@@ -45,9 +45,9 @@ Schema = dict[str, tuple[Field, ...]]  # "package/Name" -> fields
 
 
 def parse(type_name: str, text: str) -> Schema:
-    """Read a schema as recorded: the definition, then each one it refers to below ``MSG:`` lines.
+    """Parse a recorded schema: the definition, then referenced ones, each below a ``MSG:`` line.
 
-    Raises RecordingError naming the line that cannot be understood or the type that is missing.
+    Raises RecordingError that names the invalid line or the missing type.
     """
     schema: Schema = {}
     current, package = short_name(type_name)
@@ -73,7 +73,7 @@ def parse(type_name: str, text: str) -> Schema:
 
 
 def short_name(type_name: str) -> tuple[str, str]:
-    """``package/msg/Name`` or ``package/Name`` -> (``package/Name``, ``package``)."""
+    """Convert ``package/msg/Name`` or ``package/Name`` to (``package/Name``, ``package``)."""
     package, _, name = type_name.replace("/msg/", "/").partition("/")
     return f"{package}/{name}", package
 
@@ -81,7 +81,7 @@ def short_name(type_name: str) -> tuple[str, str]:
 def _field(code: str, package: str) -> Field | None:
     match = _FIELD.match(code)
     if match is None:
-        raise RecordingError(f"schema: cannot understand {code!r}")
+        raise RecordingError(f"schema: cannot parse {code!r}")
     if match["constant"]:
         return None
     kind = match["type"]

@@ -1,9 +1,10 @@
-"""Write a run as a rosbag2 directory: one MCAP file (profile ros2) and its metadata.yaml.
+"""Recorder of a run: a rosbag2 directory with one MCAP file (profile ros2) and metadata.yaml.
 
-Who writes a message only copies it into a tray (:mod:`~cylconn_ros.recording.chunk_buffer`). A thread of
-the run's own takes the tray away every :data:`INTERVAL`, or when it is full, compresses it and puts
-it on disk as a chunk, while others go on with another tray; all that takes long is done without the
-interpreter's lock. A killed process loses what came within about one interval.
+A caller of :class:`RunWriter` copies each message into a chunk buffer
+(:mod:`~cylconn_ros.recording.mcap.chunk_buffer`). A thread of the writer rotates the buffer every
+:data:`INTERVAL` or when it is full, then compresses its records and writes them as one chunk, while
+callers append to another buffer. Compression and the write itself release the GIL. A killed process
+loses the messages of about one interval.
 """
 
 from __future__ import annotations
@@ -17,45 +18,51 @@ from types import TracebackType
 import numpy as np
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording.chunk_buffer import ACCEPTED, CHANNEL, REFUSED, Messages, Tray
-from cylconn_ros.recording.mcap_writer import COMPRESSIONS, Container
+from cylconn_ros.recording.mcap.chunk_buffer import (
+    ACCEPTED,
+    CHANNEL,
+    REFUSED,
+    ChunkBuffer,
+    MessageArrays,
+)
+from cylconn_ros.recording.mcap.writer import COMPRESSIONS, McapWriter
 from cylconn_ros.recording.message_definitions import Interface, interface
-from cylconn_ros.recording.metadata import TopicInfo, bag_information, to_yaml
-
-METADATA_RECORD = "cylconn_ros"  # MCAP metadata record holding parameters, version, method
+from cylconn_ros.recording.metadata import METADATA_RECORD, TopicInfo, bag_information, to_yaml
 
 INTERVAL = 0.09
 """Seconds between chunks."""
 
-_CHUNK = 1 << 20  # bytes of a tray; when they are used up, a chunk does not wait for its time
-_BACKLOG = 1 << 26  # bytes of trays that may wait for a slow disk
-_SPARE = 2  # empty trays that are kept
+_CHUNK = 1 << 20  # bytes of a chunk buffer; a full one is written before the interval ends
+_BACKLOG = 1 << 26  # bytes of buffers that may wait for the disk
+_SPARE = 2  # empty buffers that are kept for reuse
 
 
 class RunWriter:
-    """Record serialised messages of known topics; a context manager.
+    """Record serialized messages of known topics; a context manager.
 
     The directory must not exist: a run is never overwritten. Messages are stored byte for byte.
-    ``write``, ``put`` and ``close`` may be called from different threads.
+    ``write``, ``append`` and ``close`` may be called from different threads.
 
-    Compiled code may put messages in, too, and needs no interpreter for that. It is given the
-    memory of a tray that has room for them, and calls :func:`~cylconn_ros.recording.kernels.put` for
-    each, before the lock is released::
+    Compiled code may append, too, without the GIL: the caller holds ``lock``, passes the arrays of
+    a reserved chunk buffer to the compiled function, and that function calls
+    :func:`~cylconn_ros.recording.mcap.kernels.append` for each message::
 
-        channels = np.array([writer.channels[topic] for topic in topics])  # once a run
+        channels = np.array([writer.channels[topic] for topic in topics])  # once per run
         with writer.lock:
-            compiled(*writer.tray(messages=8, size=4096).arrays, channels, time.time_ns(), ...)
+            buffer = writer.reserve(messages=8, size=4096)
+            compiled(*buffer.arrays, channels, time.time_ns(), ...)
 
-    ``size`` are bytes of messages, all together, at most. Either there is room for all of them, or
-    for none, and ``put`` then counts them as refused: nothing else need be done.
+    ``size`` is an upper bound of the messages' total size in bytes. If the writer cannot provide
+    the memory, it returns a buffer of size zero; the compiled ``append`` then counts every message
+    as refused, and the caller need not check.
 
     Attributes
     ----------
         directory: the rosbag2 directory.
         failure: why the recording failed, or None.
-        refusal: why a message was last refused; empty where none was.
-        channels: the number of each topic in the file.
-        lock: held by whoever puts something into a tray.
+        refusal: why a message was last refused; empty if none was.
+        channels: channel number of each topic in the file.
+        lock: to be held while appending to a reserved buffer.
     """
 
     def __init__(
@@ -66,24 +73,24 @@ class RunWriter:
         compression: str = "zstd",
         *,
         interfaces: Mapping[str, Interface] | None = None,
-        patient: bool = True,
+        wait_for_disk: bool = True,
     ) -> None:
         """Create ``directory`` and open the file.
 
         Args:
-            directory: the run to create; parents are made as needed.
-            topics: everything that may be written, each name once.
+            directory: the run to create; missing parents are created.
+            topics: all topics that may be written, each name once.
             metadata: texts kept with the run: ``version``, ``method``, ``parameters`` (a scene
-                file as YAML), … They go into an MCAP metadata record and into metadata.yaml.
+                file as YAML), etc. They go into an MCAP metadata record and into metadata.yaml.
             compression: ``zstd`` or ``none``.
-            interfaces: definitions by type; by default those that are installed.
-            patient: wait where the disk is slower than the messages come; otherwise a message that
-                finds 64 MiB waiting is refused.
+            interfaces: message definitions by type; default: the installed ones.
+            wait_for_disk: block while more than 64 MiB wait for the disk. If False, messages are
+                refused instead.
 
         Raises
         ------
-            RecordingError: the directory exists or cannot be made, a topic is given twice, a type
-                is not installed, or the compression is unknown.
+            RecordingError: the directory exists or cannot be created, a topic is listed twice, a
+                type is not installed, or the compression is unknown.
         """
         if compression not in COMPRESSIONS:
             choices = ", ".join(COMPRESSIONS)
@@ -100,7 +107,7 @@ class RunWriter:
         self._topics = tuple(topics)
         self._metadata = {str(key): str(value) for key, value in metadata.items()}
         self._hashes = {name: known.type_hash for name, known in found.items()}
-        self._patient = patient
+        self._wait_for_disk = wait_for_disk
         self._open = True
         try:
             self.directory.mkdir(parents=True)
@@ -110,7 +117,7 @@ class RunWriter:
             raise RecordingError(f"{self.directory}: {error.strerror or error}") from error
         self._path = self.directory / f"{self.directory.name}_0.mcap"
         try:
-            self._file = Container(self._path, compression)
+            self._file = McapWriter(self._path, compression)
             self._file.add_metadata(METADATA_RECORD, self._metadata)
             self._register(found)
         except OSError as error:
@@ -118,28 +125,28 @@ class RunWriter:
         self.channels = {topic.name: channel for channel, topic in enumerate(topics, 1)}
         self.refusal = ""
         self._counts = np.zeros((2, 1 + len(topics)), np.int64)
-        self._lost = np.zeros(1 + len(topics), np.int64)  # accepted, but the disk then refused them
-        self._none = Tray(0, self._counts)
-        self._tray = Tray(_CHUNK, self._counts)  # that is being filled
-        self._spare = [Tray(_CHUNK, self._counts)]
-        self._full: deque[Tray] = deque()
-        self._waiting = 0  # bytes of the trays that are full, or on their way to the disk
+        self._lost = np.zeros(1 + len(topics), np.int64)  # accepted, then refused by the disk
+        self._no_buffer = ChunkBuffer(0, self._counts)
+        self._buffer = ChunkBuffer(_CHUNK, self._counts)  # the one being filled
+        self._spare = [ChunkBuffer(_CHUNK, self._counts)]
+        self._full: deque[ChunkBuffer] = deque()
+        self._waiting = 0  # bytes of the buffers that are full or being written
         self._refusing = False  # failed or closed
         self.lock = threading.Lock()
-        self._emptied = threading.Condition(self.lock)  # a tray is, or none will be any more
-        self._bell = threading.Lock()  # released: the thread shall not wait for its time
-        self._bell.acquire()
-        self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
+        self._freed = threading.Condition(self.lock)  # a buffer was written, or the writer refuses
+        self._wake = threading.Lock()  # released by _notify(): the thread writes at once
+        self._wake.acquire()
+        self._thread = threading.Thread(target=self._write_chunks, name="recording", daemon=True)
         self._thread.start()
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages accepted, per topic; without those that the disk then refused."""
+        """Messages recorded, per topic."""
         return self._by_topic(self._counts[ACCEPTED] - self._lost)
 
     @property
     def lost(self) -> dict[str, int]:
-        """Messages refused, per topic: by the disk, because it was too slow, or after the end."""
+        """Messages lost, per topic: refused by the disk, by a full backlog, or after the end."""
         return self._by_topic(self._counts[REFUSED] + self._lost)
 
     def _by_topic(self, counts: np.ndarray) -> dict[str, int]:
@@ -165,141 +172,141 @@ class RunWriter:
 
         Args:
             topic: one of the topics given at construction.
-            cdr: the serialised message, encapsulation header included.
-            log_time_ns: when it was received or published, ns since the epoch.
-            publish_time_ns: when its publisher sent it, ns since the epoch.
+            cdr: the serialized message, including its encapsulation header.
+            log_time_ns: time of reception or publication, ns since the epoch.
+            publish_time_ns: time at which the publisher sent it, ns since the epoch.
 
         Raises
         ------
-            RecordingError: unknown topic, closed recording, or the file cannot take it. After a
-                failure every further call raises and counts the message in ``lost``. What the disk
-                refuses is known within :data:`INTERVAL`, not in the same call.
+            RecordingError: unknown topic, closed recording, or the file cannot be written. After a
+                failure every further call raises and counts the message in ``lost``. An error of
+                the disk shows within :data:`INTERVAL`, not in the same call.
         """
         channel = self.channels.get(topic) or self.channel(topic)
-        if not self.put(channel, cdr, log_time_ns, publish_time_ns):
+        if not self.append(channel, cdr, log_time_ns, publish_time_ns):
             raise RecordingError(self.refusal)
 
     def channel(self, topic: str) -> int:
-        """The number of a topic; raises RecordingError for one that is not recorded here."""
+        """Return the channel number of a topic; raise RecordingError if it is not recorded."""
         try:
             return self.channels[topic]
         except KeyError:
             known = ", ".join(self.channels)
             raise RecordingError(f"topic {topic} is not recorded here (only {known})") from None
 
-    def put(self, channel: int, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> bool:
-        """Append one message of the topic of that number; where it is refused, count it: False."""
+    def append(self, channel: int, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> bool:
+        """Append one message to a channel; return False, and count it, if it is refused."""
         with self.lock:
-            if self._tray.put(channel, cdr, log_time_ns, publish_time_ns):
+            if self._buffer.append(channel, cdr, log_time_ns, publish_time_ns):
                 return True
-            if self.tray(1, len(cdr)).put(channel, cdr, log_time_ns, publish_time_ns):
+            if self.reserve(1, len(cdr)).append(channel, cdr, log_time_ns, publish_time_ns):
                 return True
             self._counts[REFUSED, channel] += 1
             return False
 
-    def write_each(self, messages: Messages) -> None:
-        """Append many messages, sooner than one by one; raises as :meth:`write` does."""
-        from cylconn_ros.recording.kernels import put_each  # brings the compiler
+    def write_batch(self, messages: MessageArrays) -> None:
+        """Append many messages with compiled code; raises as :meth:`write` does."""
+        from cylconn_ros.recording.mcap.kernels import append_batch  # loads the compiler
 
         done, total = 0, len(messages.channel)
         while done < total:
             with self.lock:
-                tray = self.tray(1, int(messages.size[done]))
-                arrays = *tray.arrays, *messages
-                behind = put_each(*arrays, done)
+                buffer = self.reserve(1, int(messages.size[done]))
+                arrays = *buffer.arrays, *messages
+                behind = append_batch(*arrays, done)
                 if behind == done:
                     np.add.at(self._counts[REFUSED], messages.channel[done:], 1)
                     raise RecordingError(self.refusal)
                 done = behind
 
-    def tray(self, messages: int, size: int) -> Tray:
-        """The tray for so many messages of ``size`` bytes together, for who holds the lock.
+    def reserve(self, messages: int, size: int) -> ChunkBuffer:
+        """Return a chunk buffer that fits ``messages`` messages of ``size`` bytes in total.
 
-        It is to be filled before the lock is released. A writer that is not patient gives one
-        without any room where there is none: it refuses, and counts, all that is put into it.
+        The caller holds ``lock`` and appends before it releases it. The buffer has size zero if the
+        recording has failed or is closed, or if the backlog is full and ``wait_for_disk`` is False.
         """
-        if self._tray.has_room(messages, size):
-            return self._tray
+        if self._buffer.fits(messages, size):
+            return self._buffer
         while not self._refusing:
-            self._ring()
+            self._notify()
             if self._waiting < _BACKLOG:
-                self._set_aside()
-                self._tray = self._empty_one(messages, size)
-                return self._tray
-            if not self._patient:
+                self._rotate()
+                self._buffer = self._empty_buffer(messages, size)
+                return self._buffer
+            if not self._wait_for_disk:
                 self.refusal = (
                     f"{self._path}: the disk is too slow: {_BACKLOG >> 20} MiB wait for it"
                 )
-                return self._none
-            self._emptied.wait()
+                return self._no_buffer
+            self._freed.wait()
         self.refusal = self.failure or f"{self.directory}: recording is closed"
-        return self._none
+        return self._no_buffer
 
-    def _set_aside(self) -> None:
-        """Have the tray that is being filled written, if there is anything in it."""
-        tray, self._tray = self._tray, self._none
-        if len(tray):
-            self._full.append(tray)
-            self._waiting += tray.size
+    def _rotate(self) -> None:
+        """Queue the current buffer for writing, unless it is empty."""
+        buffer, self._buffer = self._buffer, self._no_buffer
+        if len(buffer):
+            self._full.append(buffer)
+            self._waiting += buffer.size
         else:
-            self._keep(tray)
+            self._reuse(buffer)
 
-    def _empty_one(self, messages: int = 0, size: int = 0) -> Tray:
-        if self._spare and self._spare[-1].has_room(messages, size):
+    def _empty_buffer(self, messages: int = 0, size: int = 0) -> ChunkBuffer:
+        if self._spare and self._spare[-1].fits(messages, size):
             return self._spare.pop()
-        tray = Tray(_CHUNK, self._counts)
+        buffer = ChunkBuffer(_CHUNK, self._counts)
         return (
-            tray
-            if tray.has_room(messages, size)
-            else Tray.for_messages(messages, size, self._counts)
+            buffer
+            if buffer.fits(messages, size)
+            else ChunkBuffer.for_messages(messages, size, self._counts)
         )
 
-    def _keep(self, tray: Tray) -> None:
-        """Use an empty tray again: that which was used last, as it is in the cache."""
-        if tray.size == _CHUNK and len(self._spare) < _SPARE:
-            self._spare.append(tray)
+    def _reuse(self, buffer: ChunkBuffer) -> None:
+        """Keep an empty buffer; the last one kept is used first, as it is in the CPU cache."""
+        if buffer.size == _CHUNK and len(self._spare) < _SPARE:
+            self._spare.append(buffer)
 
-    def _work(self) -> None:
-        """Put chunks on disk until the recording is closed or fails."""
+    def _write_chunks(self) -> None:
+        """Write chunks until the recording is closed or fails; runs in the writer's thread."""
         while not self._refusing:
-            self._bell.acquire(timeout=INTERVAL)
+            self._wake.acquire(timeout=INTERVAL)
             with self.lock:
-                if len(self._tray):
-                    self._set_aside()
-                    self._tray = self._empty_one()
+                if len(self._buffer):
+                    self._rotate()
+                    self._buffer = self._empty_buffer()
             self._flush()
 
     def _flush(self) -> None:
-        """Put on disk what has been set aside."""
+        """Write the queued buffers."""
         while self._full:
-            tray = self._full.popleft()
+            buffer = self._full.popleft()
             try:
-                self._file.add_chunk(*tray.held())
-            except Exception as error:  # whatever the disk or the library says, others go on
-                self._fail(error, tray)
+                self._file.add_chunk(*buffer.contents())
+            except Exception as error:  # any error ends the recording, not the program
+                self._fail(error, buffer)
             with self.lock:
-                self._waiting -= tray.size
-                tray.clear()
-                self._keep(tray)
-                self._emptied.notify_all()
+                self._waiting -= buffer.size
+                buffer.clear()
+                self._reuse(buffer)
+                self._freed.notify_all()
 
-    def _ring(self) -> None:
-        """Have what is set aside written now."""
-        if self._bell.locked():
-            self._bell.release()
+    def _notify(self) -> None:
+        """Wake the thread before its interval ends."""
+        if self._wake.locked():
+            self._wake.release()
 
-    def _fail(self, error: Exception, tray: Tray | None = None) -> RecordingError:
-        """Refuse everything from now on; what has not reached the disk is lost."""
+    def _fail(self, error: Exception, buffer: ChunkBuffer | None = None) -> RecordingError:
+        """Refuse all further messages; count those that are not on disk as lost."""
         reason = getattr(error, "strerror", None) or repr(error)
         with self.lock:
             self.failure = f"{self._path}: {reason}"
             self._refusing = True
-            self._set_aside()
-            for lost in (*self._full, *([tray] if tray is not None else [])):
-                channels = lost.held()[1][:, CHANNEL]
+            self._rotate()
+            for lost in (*self._full, *([buffer] if buffer is not None else [])):
+                channels = lost.contents()[1][:, CHANNEL]
                 self._lost += np.bincount(channels, minlength=len(self._lost))
             self._full.clear()
-            self._emptied.notify_all()
+            self._freed.notify_all()
         return RecordingError(self.failure)
 
     def close(self) -> None:
@@ -307,20 +314,20 @@ class RunWriter:
 
         Raises
         ------
-            RecordingError: something could not be written. metadata.yaml is written if it can be,
-                and says under ``custom_data: incomplete`` what went wrong.
+            RecordingError: something could not be written. metadata.yaml is written if possible;
+                its ``custom_data: incomplete`` holds the reason.
         """
         with self.lock:
             if not self._open:
                 return
             self._open, self._refusing = False, True
-            self._set_aside()
-            self._emptied.notify_all()
-            self._ring()
+            self._rotate()
+            self._freed.notify_all()
+            self._notify()
         self._thread.join()
         self._flush()
         failure = RecordingError(self.failure) if self.failure is not None else None
-        try:  # also after a failure: the file then ends with its last whole chunk
+        try:  # also after a failure: the file then ends with its last complete chunk
             self._file.add_metadata("rosbag2", {"serialized_metadata": self._bag_yaml()})
             self._file.finish()
         except Exception as error:
@@ -359,7 +366,7 @@ class RunWriter:
         draft = path.with_name("metadata.yaml.part")
         text = to_yaml({"rosbag2_bagfile_information": self._bag_information()})
         draft.write_text(text, encoding="utf-8")
-        draft.replace(path)  # a reader sees the whole file or none
+        draft.replace(path)  # atomic: a reader sees the complete file or none
 
     def __enter__(self) -> RunWriter:
         return self
@@ -373,5 +380,5 @@ class RunWriter:
         try:
             self.close()
         except RecordingError:
-            if exc is None:  # never hide the error that ended the block
+            if exc is None:  # do not hide the exception that ended the block
                 raise

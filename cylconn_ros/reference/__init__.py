@@ -1,6 +1,7 @@
-"""Independent solutions to hold the connector against; they share nothing with its methods.
+"""Reference solutions for the connector; they share no code with its methods.
 
-The equations are reduced by hand to slide and spin and integrated by SciPy (extra ``demo``).
+Closed forms, and equations reduced analytically to few unknowns that SciPy integrates (extra
+``demo``).
 """
 
 from cylconn_ros.reference.closed_forms import coast, constant_normal_force

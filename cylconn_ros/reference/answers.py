@@ -1,7 +1,7 @@
-"""What is known of each scene of the library: its quantities, their values, and how near to come.
+"""Reference values of the bundled scenes: quantities of a run, their values and tolerances.
 
-Tolerances are what the method `impulse` is held to at a period of 1 ms; other periods are granted
-their power ``order`` of it, but never less than rounding.
+A tolerance is the error allowed for the method `impulse` at a period of 1 ms. It scales with the
+power ``order`` of the period, and is never less than rounding.
 """
 
 from __future__ import annotations
@@ -19,12 +19,21 @@ from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant
 from cylconn_ros.simulation.simulate import Run
 
-ROUNDING = 1e-9  # of a value, or absolute below 1
+ROUNDING = 1e-9  # relative for values above 1, else absolute
 
 
 @dataclasses.dataclass(frozen=True)
 class Expected:
-    """A quantity of a run, its value, and the error allowed at a period of 1 ms."""
+    """Reference value of a quantity of a run.
+
+    Attributes
+    ----------
+        name, unit: of the quantity.
+        of: computes the quantity from a run.
+        value: reference value.
+        tolerance: error allowed at a period of 1 ms, beyond rounding.
+        order: power of the period with which the tolerance scales.
+    """
 
     name: str
     unit: str
@@ -34,80 +43,80 @@ class Expected:
     order: float = 2.0
 
     def allowed(self, period: float) -> float:
-        """The error allowed at a period (s)."""
+        """Error allowed at a period (s)."""
         return self.tolerance * (period / 1e-3) ** self.order + ROUNDING * max(1.0, abs(self.value))
 
 
-# --- what is measured of a run
+# --- quantities of a run
 
 
 def distance(run: Run) -> float:
     """Slide since the start, m."""
-    return float(run.state("displacement")[-1])
+    return float(run["displacement"][-1])
 
 
 def rotation(run: Run) -> float:
     """Spin since the start, rad."""
-    return float(run.state("rotation")[-1])
+    return float(run["rotation"][-1])
 
 
 def length(run: Run) -> float:
     """Position in the slot, m."""
-    return float(run.state("length")[-1])
+    return float(run["length"][-1])
 
 
 def velocity(run: Run) -> float:
-    """Of the slide at the end, m/s."""
-    return float(run.state("velocity")[-1, 0])
+    """Velocity of the slide at the end, m/s."""
+    return float(run["velocity"][-1, 0])
 
 
 def spin(run: Run) -> float:
-    """At the end, rad/s."""
-    return float(run.state("angular_velocity")[-1, 0])
+    """Angular velocity of the spin at the end, rad/s."""
+    return float(run["angular_velocity"][-1, 0])
 
 
 def stop_time(run: Run) -> float:
-    """When it came to rest for good, s; NaN if it did not."""
-    stops = np.flatnonzero(run.state("stop_time") >= 0.0)
+    """Begin of the final rest, s; NaN if the run does not end at rest."""
+    stops = np.flatnonzero(run["stop_time"] >= 0.0)
     if run.outs[-1, layout.REGIME] != layout.STICK or not len(stops):
         return math.nan
-    return float(run.time[stops[-1]] + run.state("stop_time")[stops[-1]])
+    return float(run.time[stops[-1]] + run["stop_time"][stops[-1]])
 
 
 def creep(run: Run) -> float:
-    """Greatest slide or turn at the radius since the start, m."""
-    radius = run.connector.scene.friction.radius
-    slid, turned = run.state("displacement"), radius * run.state("rotation")
+    """Largest displacement since the start, slide and turn times radius combined, m."""
+    radius = run.scene.friction.radius
+    slid, turned = run["displacement"], radius * run["rotation"]
     return float(np.hypot(slid, turned).max())
 
 
 def energy_change(run: Run) -> float:
-    """Greatest change of energy over the energy at the start."""
+    """Largest change of energy, relative to the energy at the start."""
     return float(np.abs(run.energy / run.energy[0] - 1.0).max())
 
 
 def momentum_change(run: Run) -> float:
-    """Greatest change of total momentum over its greatest component."""
-    before = Plant(run.connector.scene).momentum()
+    """Largest change of total momentum, relative to its largest component."""
+    before = Plant(run.scene).momentum()
     return float(np.abs(run.plant.momentum() - before).max() / np.abs(before).max())
 
 
-# --- what is expected of a scene, up to the time ``end`` of the last sample (s)
+# --- reference values of a scene, for the time ``end`` of the last sample (s)
 
 
 def _speed(scene: Scene) -> float:
     return float(np.linalg.norm(scene.plant.body_b.twist[:3]))
 
 
-def _weight(scene: Scene) -> float:
-    """Gravity across the slot where that is level, m/s^2."""
+def _gravity_across(scene: Scene) -> float:
+    """Gravity across a level slot, m/s^2."""
     return float(np.linalg.norm(scene.gravity))
 
 
-def along(scene: Scene) -> float:
-    """Gravity along a slot that is tipped about y, m/s^2."""
+def gravity_along_slot(scene: Scene) -> float:
+    """Gravity along a slot that is inclined about y, m/s^2."""
     x, y, z, w = scene.node_a.orientation
-    return -2.0 * (x * z - w * y) * _weight(scene)
+    return -2.0 * (x * z - w * y) * _gravity_across(scene)
 
 
 def _rest(name: str, value: float = 0.0) -> Expected:
@@ -115,20 +124,20 @@ def _rest(name: str, value: float = 0.0) -> Expected:
 
 
 def coast(scene: Scene, _end: float) -> list[Expected]:
-    """Constant deceleration: exact but for the last, partial period."""
+    """Constant deceleration: exact except for the last, partial period."""
     f, body = scene.friction, scene.body_b
-    a = f.coefficient * abs(_weight(scene) + f.preload / body.mass)
-    time, way = closed_forms.coast(
-        f.coefficient, _weight(scene), f.preload, body.mass, _speed(scene)
+    a = f.coefficient * abs(_gravity_across(scene) + f.preload / body.mass)
+    time, travel = closed_forms.coast(
+        f.coefficient, _gravity_across(scene), f.preload, body.mass, _speed(scene)
     )
     return [
         Expected("stop time", "s", stop_time, time, 0.0, 0.0),
-        Expected("distance", "m", distance, way, 1e-6 * a / 8.0),
+        Expected("distance", "m", distance, travel, 1e-6 * a / 8.0),
     ]
 
 
 def reduced_to_rest(scene: Scene, end: float) -> list[Expected]:
-    """Solve the reduced equations; it stops within the duration."""
+    """Solution of the reduced equations, with a stop within the duration."""
     found = fixed_shaft.slide_and_spin(scene, end, points=2)
     return [
         Expected("stop time", "s", stop_time, found.stop_time, 1e-4),
@@ -138,17 +147,17 @@ def reduced_to_rest(scene: Scene, end: float) -> list[Expected]:
 
 
 def stick_ellipse(scene: Scene, _end: float) -> list[Expected]:
-    """Statics: traction, limit, and no motion."""
+    """Statics: traction, friction limit, no motion."""
     force, moment = scene.plant.body_b.load[0], scene.plant.body_b.load[3]
     f = scene.friction
     traction = math.hypot(force, moment / f.radius)
     return [
         _rest("creep"),
-        Expected("traction", "N", lambda run: run.state("traction")[-1], traction, 0.0, 0.0),
+        Expected("traction", "N", lambda run: run["traction"][-1], traction, 0.0, 0.0),
         Expected(
             "limit",
             "N",
-            lambda run: run.state("friction_limit")[-1],
+            lambda run: run["friction_limit"][-1],
             f.coefficient * f.preload,
             0.0,
             0.0,
@@ -160,18 +169,18 @@ def slide_and_spin(scene: Scene, _end: float) -> list[Expected]:
     """Constant normal force, m R^2/I = 2."""
     v0, f = _speed(scene), scene.friction
     turning = float(np.linalg.norm(scene.plant.body_b.twist[3:]))
-    tau = v0 / (f.coefficient * _weight(scene))
-    time, way = closed_forms.constant_normal_force(f.radius * turning / v0, v0, tau)
+    tau = v0 / (f.coefficient * _gravity_across(scene))
+    time, travel = closed_forms.constant_normal_force(f.radius * turning / v0, v0, tau)
     return [
         Expected("stop time", "s", stop_time, time, 1e-7),
-        Expected("distance", "m", distance, way, 3e-7),
+        Expected("distance", "m", distance, travel, 3e-7),
     ]
 
 
 def pushed(scene: Scene, end: float) -> list[Expected]:
-    """A push beside the axis, from rest: Fbend = 2 F e/L beside the weight."""
+    """An eccentric push from rest: Fbend = 2 F e/L in addition to the weight."""
     f, body, load = scene.friction, scene.body_b, scene.plant.body_b.load
-    pressed = body.mass * _weight(scene) + 2.0 * math.hypot(load[4], load[5]) / f.overlap
+    pressed = body.mass * _gravity_across(scene) + 2.0 * math.hypot(load[4], load[5]) / f.overlap
     a = (load[0] - f.coefficient * pressed) / body.mass
     return [
         Expected("distance", "m", distance, 0.5 * a * end * end, 0.0, 0.0),
@@ -180,7 +189,7 @@ def pushed(scene: Scene, end: float) -> list[Expected]:
 
 
 def stays(_scene: Scene, _end: float) -> list[Expected]:
-    """No motion at all."""
+    """No motion."""
     return [_rest("creep")]
 
 
@@ -188,13 +197,13 @@ def incline(scene: Scene, end: float) -> list[Expected]:
     """Constant acceleration down the slope, from rest."""
     x, y, z, w = scene.node_a.orientation
     slope = math.asin(-2.0 * (x * z - w * y))
-    a = _weight(scene) * (math.sin(slope) - scene.friction.coefficient * math.cos(slope))
+    a = _gravity_across(scene) * (math.sin(slope) - scene.friction.coefficient * math.cos(slope))
     return [Expected("distance", "m", distance, 0.5 * a * end**2, 0.0, 0.0)]
 
 
 def free_slide(scene: Scene, end: float) -> list[Expected]:
     """Constant acceleration down the slope, constant spin."""
-    a = along(scene)
+    a = gravity_along_slot(scene)
     turn = float(np.linalg.norm(scene.plant.body_b.twist[3:])) * end
     return [
         Expected("distance", "m", distance, _speed(scene) * end + 0.5 * a * end**2, 0.0, 0.0),
@@ -213,33 +222,31 @@ def between_stops(scene: Scene, end: float) -> list[Expected]:
 
 
 def end_stop(scene: Scene, _end: float) -> list[Expected]:
-    """At rest on the stop, which carries the weight along the slope."""
-    weight = along(scene) * scene.body_b.mass
+    """Rest on the stop, which carries the component of the weight along the slope."""
+    weight = gravity_along_slot(scene) * scene.body_b.mass
     return [
         Expected("position", "m", length, scene.stops.l_max, 0.0, 0.0),
         Expected("velocity", "m/s", velocity, 0.0, 0.0, 0.0),
-        Expected(
-            "stop's force", "N", lambda run: run.state("force_reaction")[-1], -weight, 0.0, 0.0
-        ),
+        Expected("stop's force", "N", lambda run: run["force_reaction"][-1], -weight, 0.0, 0.0),
     ]
 
 
 def dry_friction_oscillator(scene: Scene, _end: float) -> list[Expected]:
     """Half cycles, each about a centre shifted by F/k."""
     mass, k = scene.body_b.mass, scene.elasticity.k1
-    force = scene.friction.coefficient * mass * _weight(scene)
-    time, place = closed_forms.dry_oscillator(
+    force = scene.friction.coefficient * mass * _gravity_across(scene)
+    time, position = closed_forms.dry_oscillator(
         k, mass, force, scene.body_b.pose[0] - scene.reference.length
     )
     return [
-        # a held wrench spends what is left of a period at each turning point: first order
+        # a held wrench loses the rest of a period at each turning point: first order
         Expected("stop time", "s", stop_time, time, 1.5e-3, 1.0),
-        Expected("place of rest", "m", length, scene.reference.length + place, 1e-5),
+        Expected("position of rest", "m", length, scene.reference.length + position, 1e-5),
     ]
 
 
 def conserved(_scene: Scene, _end: float) -> list[Expected]:
-    """Momentum to the last digits, energy to second order."""
+    """Momentum to rounding, energy to second order."""
     return [
         Expected("change of momentum", "", momentum_change, 0.0, 0.0, 0.0),
         Expected("change of energy", "", energy_change, 0.0, 1e-6),
@@ -247,7 +254,7 @@ def conserved(_scene: Scene, _end: float) -> list[Expected]:
 
 
 def turning_pair(scene: Scene, end: float) -> list[Expected]:
-    """Both bodies by Newton-Euler."""
+    """Newton-Euler equations of both bodies."""
     found = free_pair(scene, end)
     return [
         Expected("distance", "m", distance, found.distance, 1e-5),
@@ -257,14 +264,14 @@ def turning_pair(scene: Scene, end: float) -> list[Expected]:
 
 
 def twenty_turns(scene: Scene, end: float) -> list[Expected]:
-    """Constant spin, starting short of its reference."""
+    """Constant spin that starts below its reference angle."""
     turn = float(np.linalg.norm(scene.plant.body_b.twist[3:])) * end
     return [
         Expected("turn", "rad", rotation, turn, 0.0, 0.0),
         Expected(
             "turn beyond theta1ref",
             "rad",
-            lambda run: run.state("material_rotation")[-1],
+            lambda run: run["material_rotation"][-1],
             turn - scene.reference.angle,
             0.0,
             0.0,
@@ -273,20 +280,16 @@ def twenty_turns(scene: Scene, end: float) -> list[Expected]:
 
 
 def three_answers(scene: Scene, _end: float) -> list[Expected]:
-    """Least of the solutions of f = mu (FCint + (2/L) |M - d f|), f the friction force."""
+    """Least solution of f = mu (FCint + (2/L) |M - d f|), f the friction force."""
     f, d = scene.friction, scene.body_b.com[2]
     couple = abs(scene.plant.body_b.load[4])
     arm = 2.0 / f.overlap
     least = f.coefficient * (f.preload + arm * couple) / (1.0 + f.coefficient * arm * d)
-    return [
-        Expected(
-            "first friction force", "N", lambda run: -run.state("force")[0, 0], least, 0.0, 0.0
-        )
-    ]
+    return [Expected("first friction force", "N", lambda run: -run["force"][0, 0], least, 0.0, 0.0)]
 
 
 def eccentric_rotor(scene: Scene, end: float) -> list[Expected]:
-    """Spin that dies as 1/(1 + q w0 t)."""
+    """Spin that decays as 1/(1 + q w0 t)."""
     f, body = scene.friction, scene.body_b
     turn, end_spin = closed_forms.own_centrifugal_load(
         f.coefficient,
@@ -304,20 +307,20 @@ def eccentric_rotor(scene: Scene, end: float) -> list[Expected]:
 
 
 def near_jam(scene: Scene, _end: float) -> list[Expected]:
-    """Friction that presses itself on: constant deceleration."""
+    """Friction that increases its own normal force: constant deceleration."""
     f = scene.friction
-    time, way = closed_forms.near_jam(
-        f.coefficient, -scene.body_b.com[2], f.overlap, _weight(scene), _speed(scene)
+    time, travel = closed_forms.near_jam(
+        f.coefficient, -scene.body_b.com[2], f.overlap, _gravity_across(scene), _speed(scene)
     )
-    a = 0.5 * _speed(scene) ** 2 / way
+    a = 0.5 * _speed(scene) ** 2 / travel
     return [
         Expected("stop time", "s", stop_time, time, 0.0, 0.0),
-        Expected("distance", "m", distance, way, 1e-6 * a / 8.0),
+        Expected("distance", "m", distance, travel, 1e-6 * a / 8.0),
     ]
 
 
 def jam(scene: Scene, _end: float) -> list[Expected]:
-    """At rest at once; a held wrench needs one period for it."""
+    """Immediate rest; a held wrench needs one period for it."""
     v0 = _speed(scene)
     return [
         Expected("distance", "m", distance, 0.0, 0.5e-3 * v0, 1.0),
@@ -326,7 +329,7 @@ def jam(scene: Scene, _end: float) -> list[Expected]:
 
 
 def stuck_pair(scene: Scene, end: float) -> list[Expected]:
-    """Nothing slips, and nothing is lost."""
+    """No slip, and no loss of momentum or energy."""
     return [
         Expected("creep", "m", creep, 0.0, 1e-6),
         *conserved(scene, end),
@@ -340,8 +343,8 @@ def bead_on_rod(scene: Scene, end: float) -> list[Expected]:
 
 
 def telescopic_strut(scene: Scene, end: float) -> list[Expected]:
-    """A damped oscillation about the sag."""
-    push = -scene.body_b.mass * _weight(scene)
+    """A damped oscillation about the static deflection."""
+    push = -scene.body_b.mass * _gravity_across(scene)
     u, v = closed_forms.damped_oscillator(
         scene.elasticity.k1, scene.damping.c1, scene.body_b.mass, push, end
     )
@@ -352,25 +355,25 @@ def telescopic_strut(scene: Scene, end: float) -> list[Expected]:
 
 
 def stribeck_coast(scene: Scene, _end: float) -> list[Expected]:
-    """Friction that rises as the sleeve slows down."""
+    """Friction that increases as the sleeve slows down."""
     f = scene.friction
     time = closed_forms.decaying_coefficient(
-        f.coefficient, f.static_coefficient, f.decay, _weight(scene), _speed(scene)
+        f.coefficient, f.static_coefficient, f.decay, _gravity_across(scene), _speed(scene)
     )
     return [Expected("stop time", "s", stop_time, time, 1e-5)]
 
 
 def table_coast(scene: Scene, _end: float) -> list[Expected]:
-    """Mu linear in the slip rate."""
+    """A coefficient that is linear in the slip rate."""
     table = scene.friction.table
     assert table is not None
     slope = (table.values[1] - table.values[0]) / (table.rates[1] - table.rates[0])
-    time, way = closed_forms.linear_coefficient(
-        table.values[0], slope, _weight(scene), _speed(scene)
+    time, travel = closed_forms.linear_coefficient(
+        table.values[0], slope, _gravity_across(scene), _speed(scene)
     )
     return [
         Expected("stop time", "s", stop_time, time, 1e-6),
-        Expected("distance", "m", distance, way, 1e-6),
+        Expected("distance", "m", distance, travel, 1e-6),
     ]
 
 
@@ -385,7 +388,7 @@ def torque_limiter(scene: Scene, _end: float) -> list[Expected]:
 
 
 def latch(scene: Scene, end: float) -> list[Expected]:
-    """Held where the lock is; the spin does not notice."""
+    """Slide held at the lock, spin unaffected."""
     turn = scene.plant.body_b.twist[3] * end
     return [
         Expected("position", "m", length, scene.lock.position, 0.0, 0.0),

@@ -1,12 +1,12 @@
-"""Motions with a solution in closed form (derived from Coulomb's law on one disc, SI units)."""
+"""Closed-form solutions, derived from Coulomb friction on one friction disc; SI units."""
 
 import math
 
 
 def coast(mu: float, gravity: float, preload: float, mass: float, v0: float) -> tuple[float, float]:
-    """Stop time (s) and distance (m) of a sleeve whose mass centre is on the axis, at node b.
+    """Stop time (s) and distance (m) of a sleeve with its mass centre on the axis, at node b.
 
-    The normal force is |m g + FCint| throughout, gravity g across the axis:
+    The normal force is |m g + FCint| at all times, with gravity g across the axis:
     a = mu |g + FCint/m|.
     """
     a = mu * abs(gravity + preload / mass)
@@ -38,8 +38,8 @@ def constant_normal_force_turn(c: float, v0: float, tau: float) -> float:
 def bouncing(gap: float, v0: float, restitution: float, time: float) -> tuple[float, float]:
     """Position (m) from the first stop and velocity (m/s) between two stops ``gap`` apart.
 
-    It starts at the first with v0 towards the other; the n-th crossing (n from 0) takes
-    gap/(v0 restitution^n).
+    The motion starts at the first stop with v0 towards the other. The n-th crossing (n from 0)
+    takes gap/(v0 restitution^n).
     """
     crossing, speed, left = 0, v0, time
     while left > gap / speed:
@@ -51,10 +51,10 @@ def bouncing(gap: float, v0: float, restitution: float, time: float) -> tuple[fl
 
 
 def dry_oscillator(k: float, mass: float, force: float, x0: float) -> tuple[float, float]:
-    """Time (s) and place (m) of rest of a mass on a spring k with constant friction ``force``.
+    """Time (s) and position (m) of rest of a mass on a spring k with constant friction ``force``.
 
-    Each half cycle, pi sqrt(m/k) long, takes 2 force/k off the amplitude; it rests at the first
-    turning point with |k x| <= force.
+    Each half cycle lasts pi sqrt(m/k) and reduces the amplitude by 2 force/k. The mass rests at
+    the first turning point with |k x| <= force.
     """
     shrink, amplitude, half_cycles = 2.0 * force / k, abs(x0), 0
     while k * amplitude > force:
@@ -83,7 +83,7 @@ def own_centrifugal_load(
 ) -> tuple[float, float]:
     """Angle (rad) and spin (rad/s) of a rotor braked by friction of its own centrifugal load.
 
-    The mass centre runs at ``offset`` from the shaft: FN = m r sqrt(w^4 + a^2), and with
+    The mass centre is at ``offset`` from the shaft: FN = m r sqrt(w^4 + a^2), and with
     gamma = mu R m r/(I + m r^2) the moment mu R FN gives a = -q w^2, q = gamma/sqrt(1 - gamma^2):
 
         w = w0/(1 + q w0 t),     angle = ln(1 + q w0 t)/q
@@ -99,7 +99,7 @@ def near_jam(
 ) -> tuple[float, float]:
     """Stop time (s) and distance (m) with the mass centre ``arm`` below the shaft.
 
-    Friction at the shaft bends the sleeve: FN = m g + (2/L) arm mu FN, so that
+    Friction at the shaft loads the sleeve in bending: FN = m g + (2/L) arm mu FN, so that
     a = mu g/(1 - c), c = 2 mu arm/L < 1.
     """
     a = mu * gravity / (1.0 - 2.0 * mu * arm / overlap)
@@ -111,7 +111,7 @@ def decaying_coefficient(
 ) -> float:
     """Stop time (s) of a coast with mu = mu_k + (mu_s - mu_k) exp(-dc |s|).
 
-    Separated: T = ln((mu_k exp(dc v0) + mu_s - mu_k)/mu_s) / (g mu_k dc).
+    Separation of variables: T = ln((mu_k exp(dc v0) + mu_s - mu_k)/mu_s) / (g mu_k dc).
     """
     rise = static - kinetic
     return math.log((kinetic * math.exp(decay * v0) + rise) / static) / (gravity * kinetic * decay)

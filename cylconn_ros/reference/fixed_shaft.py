@@ -1,4 +1,4 @@
-r"""A free sleeve on a fixed shaft, reduced by hand to slide l and spin alpha.
+r"""Reference solution of a free sleeve on a fixed shaft, reduced to slide l and spin alpha.
 
 In the shaft's axes (e1 along it), rho(alpha) from node b to the mass centre, I(alpha) the inertia
 about it:
@@ -9,10 +9,10 @@ about it:
     FN  = |sqrt(F2^2 + F3^2) + (2/L) sqrt(M2^2 + M3^2) + FCint|
     F1  = -mu FN l' / |s|,    M1 = -mu FN R^2 alpha' / |s|,     s = (l', R alpha')
 
-F2, F3, M2, M3 depend on the accelerations, these on friction, and friction on FN: at each instant
-one scalar equation for FN, solved by Brent's method. Time integration: DOP853 (Hairer, Norsett,
-Wanner, 1993), order 8. As the slip direction has no meaning at rest, the last 1e-7 of the slip
-velocity is covered by the closed form of constant deceleration.
+F2, F3, M2, M3 depend on the accelerations, these on friction, and friction on FN. At each instant
+this is one scalar equation for FN, solved by Brent's method. Time integration: DOP853 (Hairer,
+Norsett, Wanner, 1993), order 8. The slip direction is undefined at rest, so the closed form of
+constant deceleration replaces the integration for the last 1e-7 of the slip velocity.
 """
 
 from dataclasses import dataclass
@@ -24,16 +24,21 @@ from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 E1 = np.array([1.0, 0.0, 0.0])
-REST = 1e-7  # of the initial slip velocity
+REST = 1e-7  # of the initial slip velocity, at which the integration ends
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The solution over time, and where and when it stops.
+    """Solution over time.
 
-    ``t`` (n,) s; ``l`` (n,) m and ``alpha`` (n,) rad since the start; ``v`` (n,) m/s; ``omega``
-    (n,) rad/s; ``normal_force`` (n,) N, while it slides and what rest needs afterwards;
-    ``stop_time`` s, inf where it does not stop in time; ``distance`` m; ``turns`` 1.
+    Attributes
+    ----------
+        t: (n,) s.
+        l, alpha: (n,) m and rad since the start.
+        v, omega: (n,) m/s and rad/s.
+        normal_force: (n,) N; at rest, that of static equilibrium.
+        stop_time: s; infinite if the motion does not stop within the duration.
+        distance: m, at the end. turns: at the end.
     """
 
     t: Array
@@ -48,10 +53,10 @@ class Reference:
 
 
 def slide_and_spin(scene: Scene, duration: float | None = None, points: int = 2001) -> Reference:
-    """Solve ``scene`` from its initial state for ``duration`` (default: the scene's).
+    """Solve ``scene`` from its initial state for ``duration`` (s; default: that of the scene).
 
-    Raises ValueError where the scene is not a free sleeve with constant friction on a fixed shaft,
-    and ImportError without SciPy.
+    points: number of points of the result. Raises ValueError unless the scene is a free sleeve with
+    a constant coefficient of friction on a fixed shaft, and ImportError without SciPy.
     """
     from scipy.integrate import solve_ivp
 
@@ -94,7 +99,7 @@ def slide_and_spin(scene: Scene, duration: float | None = None, points: int = 20
 
 
 class _Sleeve:
-    """The scene's numbers in the shaft's axes, and its equations."""
+    """Parameters of the scene in the shaft's axes, and its equations of motion."""
 
     def __init__(self, scene: Scene) -> None:
         a, b = scene.body_a, scene.body_b
@@ -127,7 +132,7 @@ class _Sleeve:
         return float(np.hypot(y[2], self.radius * y[3]))
 
     def forces(self, alpha: float, w: float, l2: float, a2: float) -> tuple[Array, Array, float]:
-        """F, M and FN for the accelerations l'' and alpha''."""
+        """F, M and FN for the spin angle and rate and the accelerations l'' and alpha''."""
         c, s = np.cos(alpha), np.sin(alpha)
         turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
         rho = turn @ self.rho
@@ -140,44 +145,46 @@ class _Sleeve:
         return force, moment, float(abs(pressed))
 
     def accelerations(self, y: Array) -> tuple[float, float, float]:
-        """l'', alpha'' and FN of the state (l, alpha, l', alpha')."""
+        """l'', alpha'' and FN for the state (l, alpha, l', alpha')."""
         from scipy.optimize import brentq
 
         _, alpha, v, w = y
         size = self.slip_rate(y)
         along, around = (v / size, self.radius * w / size) if size > 0.0 else (0.0, 0.0)
-        offset = self.forces(alpha, w, 0.0, 0.0)[1][0]  # M1 is linear in alpha'' and free of l''
+        offset = self.forces(alpha, w, 0.0, 0.0)[1][
+            0
+        ]  # M1 is linear in alpha'' and independent of l''
         slope = self.forces(alpha, w, 0.0, 1.0)[1][0] - offset
 
-        def moved(normal: float) -> tuple[float, float]:
+        def accelerated(normal: float) -> tuple[float, float]:
             traction = self.mu * normal
             return (
                 self.gravity[0] - traction * along / self.mass,
                 (-traction * self.radius * around - offset) / slope,
             )
 
-        def unbalanced(normal: float) -> float:
-            return normal - self.forces(alpha, w, *moved(normal))[2]
+        def residual(normal: float) -> float:
+            return normal - self.forces(alpha, w, *accelerated(normal))[2]
 
         if self.mu == 0.0:
-            return *moved(0.0), self.forces(alpha, w, *moved(0.0))[2]
+            return *accelerated(0.0), self.forces(alpha, w, *accelerated(0.0))[2]
         most = 1.0
-        while unbalanced(most) < 0.0:
+        while residual(most) < 0.0:
             most *= 2.0
             if most > 1e12:
                 raise ValueError("friction jams the sleeve: no finite normal force while it slides")
-        normal = brentq(unbalanced, 0.0, most, xtol=1e-15 * most, rtol=1e-15)
-        return *moved(normal), normal
+        normal = brentq(residual, 0.0, most, xtol=1e-15 * most, rtol=1e-15)
+        return *accelerated(normal), normal
 
 
 def tensor(inertia: tuple[float, ...]) -> Array:
-    """The inertia tensor as a matrix."""
+    """(3, 3) inertia tensor from its elements xx, xy, xz, yy, yz, zz."""
     ixx, ixy, ixz, iyy, iyz, izz = inertia
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
 
 
 def rotation(quaternion: tuple[float, ...] | Array) -> Array:
-    """The matrix of a unit quaternion x, y, z, w, by Rodrigues' formula."""
+    """(3, 3) rotation matrix of a unit quaternion x, y, z, w, by Rodrigues' formula."""
     axis, w = np.array(quaternion[:3]), quaternion[3]
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     turned: Array = np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross

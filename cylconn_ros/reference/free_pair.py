@@ -1,13 +1,13 @@
-r"""Two free bodies joined by the connector, by Newton-Euler and constraint accelerations.
+r"""Reference solution of two free bodies: Newton-Euler equations with constraint accelerations.
 
 Unknowns: accelerations of both mass centres, both angular accelerations, and the multipliers of
 
     g2 = e2.d,   g3 = e3.d,   h2 = e2.e1b,   h3 = e3.e1b        e2, e3 of A; d = xb - xa
 
-whose second derivatives vanish. On B they are f2 = lambda_g2, f3 = lambda_g3 at node b, m3 =
-lambda_h2 and m2 = -lambda_h3. While it slides, friction acts along e1a with the size mu FN; the
-multipliers are affine in it, so that FN follows from one scalar equation. DOP853 keeps the
-constraints to its own tolerance.
+whose second derivatives are zero. On B the multipliers are f2 = lambda_g2, f3 = lambda_g3 at node
+b, m3 = lambda_h2 and m2 = -lambda_h3. During slip, friction of size mu FN acts along and about e1a.
+The multipliers are affine in it, so FN follows from one scalar equation. The constraints hold to
+the tolerance of DOP853.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Pair:
-    """The end of the motion: slide and spin since the start, mass centres, constraint drift."""
+    """End of the motion: slide (m), spin (rad), mass centres (m), constraint drift (m or 1)."""
 
     distance: float
     angle: float
@@ -35,9 +35,9 @@ class Pair:
 
 
 def free_pair(scene: Scene, duration: float) -> Pair:
-    """Integrate two free bodies from the scene's initial state, sliding throughout.
+    """Integrate two free bodies from the scene's initial state for ``duration`` (s), with slip.
 
-    Raises ValueError where a body is not free or slip ends before ``duration``.
+    Raises ValueError if a body is not free or slip ends before ``duration``.
     """
     pair = Equations(scene)
     y = _end(pair, duration)
@@ -52,7 +52,10 @@ def free_pair(scene: Scene, duration: float) -> Pair:
 
 
 def motion(scene: Scene, duration: float) -> Array:
-    """(26,) poses and twists of both bodies at the end, as in a sample; else as free_pair."""
+    """(26,) poses and twists of both bodies after ``duration`` (s), as in a sample.
+
+    Conditions and errors as for :func:`free_pair`.
+    """
     pair = Equations(scene)
     return pair.sample(_end(pair, duration))
 
@@ -81,9 +84,10 @@ class _Geometry:
 
 
 class Equations:
-    """The equations of motion of a scene's two free bodies.
+    """Equations of motion of a scene's two free bodies.
 
-    y: mass centre and quaternion of A, then of B (14); their velocities (12); the angle (1).
+    State y (27,): mass centre and quaternion of A, then of B (14); their linear and angular
+    velocities (12); spin angle (1).
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -105,7 +109,7 @@ class Equations:
         self.y0 = float(at.d @ at.axes[:, 1])
 
     def geometry(self, y: Array) -> _Geometry:
-        """Axes and arms in the world."""
+        """Axes and arms in world axes for the state y."""
         turn_a = rotation(y[3:7] / np.linalg.norm(y[3:7]))
         turn_b = rotation(y[10:14] / np.linalg.norm(y[10:14]))
         arm_a, arm_b = turn_a @ self.end_a, turn_b @ self.end_b
@@ -125,7 +129,7 @@ class Equations:
         return np.array(found)
 
     def rates(self, _t: float, y: Array) -> Array:
-        """Derivatives of the state."""
+        """(27,) derivatives of the state y."""
         va, wa, vb, wb = y[14:17], y[17:20], y[20:23], y[23:26]
         accelerations = self.accelerations(y)
         e1 = self.geometry(y).axes[:, 0]
@@ -141,7 +145,7 @@ class Equations:
         )
 
     def accelerations(self, y: Array) -> Array:
-        """(12,) of both mass centres and both angular velocities."""
+        """(12,) accelerations of both mass centres and both angular accelerations."""
         at = self.geometry(y)
         va, wa, vb, wb = y[14:17], y[17:20], y[20:23], y[23:26]
         i_a = at.turn_a @ self.inertia_a @ at.turn_a.T
@@ -191,25 +195,25 @@ class Equations:
         return np.array(free[:12] + self._normal(free[12:], by_normal[12:]) * by_normal[:12])
 
     def _normal(self, free: Array, by_normal: Array) -> float:
-        """FN with FN = |Fr + Fbend + FCint| of the multipliers free + FN by_normal."""
+        """Solution of FN = |Fr + Fbend + FCint| for the multipliers free + FN by_normal."""
         from scipy.optimize import brentq
 
         friction = self.scene.friction
         bending = 2.0 / friction.overlap if friction.overlap > 0.0 else 0.0
 
-        def unbalanced(normal: float) -> float:
+        def residual(normal: float) -> float:
             f2, f3, m3, m2 = free + normal * by_normal
             pressed = np.hypot(f2, f3) + bending * np.hypot(m2, m3) + friction.preload
             return normal - abs(float(pressed))
 
         most = 1.0
-        while unbalanced(most) < 0.0:
+        while residual(most) < 0.0:
             most *= 2.0
-        return float(brentq(unbalanced, 0.0, most, xtol=1e-15 * most, rtol=1e-15))
+        return float(brentq(residual, 0.0, most, xtol=1e-15 * most, rtol=1e-15))
 
 
 def _initial(body: Body, pose: tuple[float, ...], twist: tuple[float, ...]) -> tuple[Array, Array]:
-    """Mass centre and quaternion (7,), and its velocities (6,)."""
+    """Mass centre and quaternion (7,), and linear and angular velocity (6,)."""
     start = np.array(pose or body.pose)
     arm = rotation(start[3:]) @ np.array(body.com)
     velocity = np.array(twist[:3]) + np.cross(twist[3:], arm)

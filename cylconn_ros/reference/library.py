@@ -1,8 +1,8 @@
-"""The library of scenes: what each file of config/ is for, its exact or reference answer, and why.
+"""Library of the bundled scenes: motion, reference values and their source for each scene file.
 
-One place for everybody who runs a scene: ``cylconn simulate`` prints the comparison, the tests and
-benchmarks judge by it, and docs/scenes.md is made from it
-(``python -m cylconn_ros.reference.library > docs/scenes.md``).
+``cylconn simulate`` prints the comparison with it, tests and benchmarks use its values, and it
+writes docs/reference/scenes.md (``python -m cylconn_ros.reference.library >
+docs/reference/scenes.md``).
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from cylconn_ros.simulation.simulate import Run
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A scene with a known answer.
+    """A scene with reference values.
 
-    ``title`` says what happens, ``source`` where the answer comes from; ``answer`` makes the
-    expected quantities from the scene, whatever its period, and the time of the last sample.
+    Attributes
+    ----------
+        title: what happens in the scene.
+        source: of the reference values.
+        answer: computes them from the scene, with any period, and the time of the last sample (s).
     """
 
     title: str
@@ -31,8 +34,8 @@ class Case:
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
-    """One quantity of a run beside what is expected of it."""
+class Comparison:
+    """Comparison of one quantity of a run with its reference value."""
 
     name: str
     unit: str
@@ -42,19 +45,19 @@ class Judged:
 
     @property
     def error(self) -> float:
-        """How far off the value is; NaN stays NaN."""
+        """Absolute error; NaN if the value is NaN."""
         return abs(self.value - self.expected)
 
     @property
     def ok(self) -> bool:
-        """Whether it is as near as the method should be."""
+        """Whether the error is allowed; False for NaN."""
         return self.error <= self.allowed
 
 
 CLOSED = "closed form"
 LIBRARY: dict[str, Case] = {
     "demo": Case(
-        "A sleeve off its balance slides and spins down an incline until friction stops it",
+        "An unbalanced sleeve slides and spins down an incline until friction stops it",
         "reduced equations, DOP853 (reference/fixed_shaft.py)",
         answers.reduced_to_rest,
     ),
@@ -63,37 +66,37 @@ LIBRARY: dict[str, Case] = {
         "Negative preload relieves the contact", f"{CLOSED}: a = mu |g + FCint/m|", answers.coast
     ),
     "stick_ellipse": Case(
-        "A hair below the verge of slip, f1^2 + (m1/R)^2 = (mu FN)^2",
+        "Just below the onset of slip, f1^2 + (m1/R)^2 = (mu FN)^2",
         f"{CLOSED}: statics",
         answers.stick_ellipse,
     ),
     "slide_and_spin": Case(
-        "Slide and spin share one disc, k = m R^2/I = 2",
+        "Slide and spin share one friction disc, k = m R^2/I = 2",
         f"{CLOSED}: R w/(R w0) = (v/v0)^k",
         answers.slide_and_spin,
     ),
     "binding_below": Case(
-        "An off-centre push just below the binding ratio",
+        "An eccentric push just below the binding ratio",
         f"{CLOSED}: a = F (1 - 2 mu e/L)/m",
         answers.pushed,
     ),
     "binding_above": Case(
-        "An off-centre push just above the binding ratio",
+        "An eccentric push just above the binding ratio",
         f"{CLOSED}: binds for e/L >= 1/(2 mu)",
         answers.stays,
     ),
     "drawer_slide": Case(
-        "A drawer pushed beside its rail",
+        "A drawer pushed eccentrically to its rail",
         f"{CLOSED}: a = (F - mu (m g + 2 F e/L))/m",
         answers.pushed,
     ),
     "journal_verge": Case(
-        "A body hanging in its journal just below the angle that friction holds",
+        "A body hanging in its journal just below the angle of static equilibrium",
         f"{CLOSED}: sin(angle) <= mu R/l holds",
         answers.stays,
     ),
     "journal_pendulum": Case(
-        "A body hanging in its journal swings once and is held",
+        "A body hanging in its journal swings once and sticks",
         "reduced equations, DOP853 (reference/fixed_shaft.py)",
         answers.reduced_to_rest,
     ),
@@ -111,7 +114,7 @@ LIBRARY: dict[str, Case] = {
         "Slider on an incline below the friction angle", f"{CLOSED}: statics", answers.stays
     ),
     "between_stops": Case(
-        "To and fro between two stops",
+        "Motion between two stops",
         f"{CLOSED}: the n-th crossing takes w/(v0 eps^n)",
         answers.between_stops,
     ),
@@ -124,20 +127,20 @@ LIBRARY: dict[str, Case] = {
         answers.dry_friction_oscillator,
     ),
     "free_flight": Case(
-        "Two free bodies, 1000 to 1, tumbling without friction",
+        "Two free bodies, mass ratio 1000, tumbling without friction",
         "conservation of momentum and energy",
         answers.conserved,
     ),
     "hub_and_rotor": Case(
-        "Two free bodies, 1000 to 1, turning together with friction",
+        "Two free bodies, mass ratio 1000, turning together with friction",
         "Newton-Euler with multipliers, DOP853 (reference/free_pair.py)",
         answers.turning_pair,
     ),
     "twenty_turns": Case(
-        "The angle counts 40 pi", f"{CLOSED}: constant spin", answers.twenty_turns
+        "The angle accumulates to 40 pi", f"{CLOSED}: constant spin", answers.twenty_turns
     ),
     "three_answers": Case(
-        "Three solutions: a sliding sleeve takes the least",
+        "Three solutions: a sliding sleeve takes the least friction force",
         f"{CLOSED}: |f1| = mu (FCint + 2 |M - d |f1||/L)",
         answers.three_answers,
     ),
@@ -153,7 +156,7 @@ LIBRARY: dict[str, Case] = {
     ),
     "jam": Case(
         "Coupling c = 1.05: no finite sliding force",
-        "impulsive stop (Painleve): at rest at once",
+        "impulsive stop (Painleve): immediate rest",
         answers.jam,
     ),
     "stuck_pair": Case(
@@ -161,9 +164,7 @@ LIBRARY: dict[str, Case] = {
         "statics of the turning pair; conservation of momentum and energy",
         answers.stuck_pair,
     ),
-    "bead_on_rod": Case(
-        "A bead on a rod that is turned", f"{CLOSED}: l0 cosh(w t)", answers.bead_on_rod
-    ),
+    "bead_on_rod": Case("A bead on a rotating rod", f"{CLOSED}: l0 cosh(w t)", answers.bead_on_rod),
     "telescopic_strut": Case(
         "Weight on spring and damper",
         f"{CLOSED}: damped oscillation",
@@ -171,7 +172,7 @@ LIBRARY: dict[str, Case] = {
     ),
     "stribeck_coast": Case(
         "Coast with mu = mu_k + (mu_s - mu_k) exp(-dc |s|)",
-        f"{CLOSED}: separated",
+        f"{CLOSED}: separation of variables",
         answers.stribeck_coast,
     ),
     "table_coast": Case(
@@ -180,53 +181,59 @@ LIBRARY: dict[str, Case] = {
         answers.table_coast,
     ),
     "torque_limiter": Case(
-        "Spin braked at the cap on friction", f"{CLOSED}: constant moment", answers.torque_limiter
+        "Spin braked at the cap of the friction force",
+        f"{CLOSED}: constant moment",
+        answers.torque_limiter,
     ),
-    "latch": Case("The slide locks in passing", f"{CLOSED}: constant speed", answers.latch),
+    "latch": Case(
+        "The slide locks when it passes the lock position",
+        f"{CLOSED}: constant speed",
+        answers.latch,
+    ),
 }
-"""Every scene file of config/ but connector.yaml, which is an example of all parameters."""
+"""All scene files of config/ except connector.yaml, which is an example of all parameters."""
 
 
 def expected(name: str, scene: Scene, end: float) -> Sequence[Expected]:
-    """The quantities known of the scene ``name`` at its last sample, at the time ``end`` (s).
+    """Reference values of the scene ``name`` at its last sample, at the time ``end`` (s).
 
-    ``scene`` is as in the file, but for its period. Raises KeyError for a name that is not in the
-    library, and ImportError where the answer needs SciPy and there is none.
+    ``scene`` is that of the file, with any period. Raises KeyError for an unknown name, and
+    ImportError if the solution needs SciPy and it is not installed.
     """
     return LIBRARY[name].answer(scene, end)
 
 
-def judge(name: str, run: Run) -> list[Judged]:
-    """Compare a run of the scene ``name`` with its answer, at the accuracy of ``impulse``."""
-    scene = run.connector.scene
+def compare(name: str, run: Run) -> list[Comparison]:
+    """Compare a run of the scene ``name`` with its reference values.
+
+    Errors allowed are those of ``impulse``. Raises KeyError and ImportError as :func:`expected`.
+    """
+    scene = run.scene
     return [
-        Judged(each.name, each.unit, float(each.of(run)), each.value, each.allowed(scene.period))
+        Comparison(
+            each.name, each.unit, float(each.of(run)), each.value, each.allowed(scene.period)
+        )
         for each in expected(name, scene, float(run.time[-1]))
     ]
-
-
-def steps(scene: Scene) -> int:
-    """Samples from the start to the scene's duration, both included."""
-    return round(scene.plant.duration / scene.period) + 1
 
 
 HEAD = """\
 # Scenes
 
-Every scene is a parameter file in `config/` that serves `connector`, `plant` and
-`cylconn simulate NAME` alike. `simulate` compares with the answer below and says how far off it is;
-`test/reference/test_library.py` runs them all. *Within* is what the method `impulse` is held to at the period
-of the file; *order* is how that shrinks with the period, 0 where the answer is exact at any period.
-Made from `cylconn_ros/reference/library.py`:
-`python -m cylconn_ros.reference.library > docs/scenes.md`.
+Every scene is a parameter file in `config/` for `connector`, `plant` and `cylconn simulate NAME`.
+`simulate` prints the error against the reference value below, and `test/reference/test_library.py`
+runs all scenes. *Allowed error* is that of the method `impulse` at the period of the file. It is
+proportional to the period raised to *order*; order 0 means exact at any period. This page is
+written from `cylconn_ros/reference/library.py`:
+`python -m cylconn_ros.reference.library > docs/reference/scenes.md`.
 
-| scene | what happens | quantity | answer | within | order | source |
+| scene | motion | quantity | reference value | allowed error | order | source |
 |---|---|---|---|---|---|---|
 """
 
 
 def lines(scenes: Mapping[str, Scene]) -> list[str]:
-    """Rows of the table for the scenes given by name: one a quantity."""
+    """Rows of the table for the named scenes, one per quantity."""
     rows = []
     for name, scene in scenes.items():
         case = LIBRARY[name]
@@ -244,12 +251,12 @@ def lines(scenes: Mapping[str, Scene]) -> list[str]:
 
 
 def table(scenes: Mapping[str, Scene]) -> str:
-    """Write docs/scenes.md from the library's scenes by name."""
+    """The page docs/reference/scenes.md, for the scenes by name."""
     return HEAD + "\n".join(lines(scenes)) + "\n"
 
 
 def main() -> int:
-    """Print docs/scenes.md; run from the root of the repository."""
+    """Print docs/reference/scenes.md; to be run in the root of the repository."""
     from cylconn_ros.scene.scene import load
 
     print(table({name: load(f"config/{name}.yaml") for name in LIBRARY}), end="")

@@ -1,1 +1,1 @@
-"""Recorded messages through the connector again, and the comparison with what was recorded."""
+"""Replay of recordings and comparison of the outputs."""

@@ -1,4 +1,4 @@
-"""Stretches of a recording answered in one call: as the node would, but sooner."""
+"""Batches: runs of recorded messages with known prefixes, processed in one compiled call."""
 
 from __future__ import annotations
 
@@ -8,67 +8,71 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.frames import into_world_all
-from cylconn_ros.connector.synchronizer import PLACES
 from cylconn_ros.core import layout
 from cylconn_ros.messages import prefix_decoder, statistics
-from cylconn_ros.messages.pipeline import Answering
-from cylconn_ros.messages.prefix import MOST_WORDS, STREAM_OF, STREAMS, Forms
-from cylconn_ros.recording.chunk_buffer import Messages
-from cylconn_ros.recording.message_block import Block
+from cylconn_ros.messages.pipeline import MessagePipeline
+from cylconn_ros.recording.mcap.chunk_buffer import MessageArrays
+from cylconn_ros.recording.mcap.message_block import MessageBlock
+from cylconn_ros.scene.inputs import STREAM_NUMBER, STREAMS
 
-MOST = 2048  # samples of a stretch: what they and their answers take stays in the cache
-_SHORT = 8  # samples below which a stretch was not worth its call
-_PATIENCE = 1 << 14  # messages that go the ordinary way, at most, before another try
+MAX_SAMPLES = 2048
+"""Samples of a batch at most: they and their outputs stay in the processor's cache."""
+_MIN_SAMPLES = 8  # a smaller batch costs more than its messages one by one
+_MAX_PAUSE = 1 << 14  # messages processed one by one, at most, before the next attempt
 
-_LOADS = tuple(slice(at, at + 6) for at in (layout.A_LOAD, layout.B_LOAD))
+Integers = NDArray[np.int64]
 
 
-class Stretch:
-    """Samples answered together; to be looked at before the next is made.
+class Batch:
+    """Samples processed together; its arrays are valid until the next batch is made.
 
     Attributes
     ----------
-        topics, block: where its messages stand; they are those from ``begin`` to ``end``.
-        closing: (n,) the message with which each sample was complete.
-        stamps: (n,) of the samples, ns. outs: (n, NOUT) the answers.
+        topics, block: the messages; those of the batch are ``begin`` to ``end``.
+        closing: (n,) number of the message that completed each sample.
+        stamps: (n,) ns. outs: (n, NOUT) outputs.
     """
 
     def __init__(
         self,
         topics: Mapping[int, str],
-        block: Block,
-        place: tuple[int, int],
-        found: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]],
-        answering: Answering,
+        block: MessageBlock,
+        messages: tuple[int, int],
+        samples: tuple[Integers, Integers, NDArray[np.float64]],
+        pipeline: MessagePipeline,
     ) -> None:
+        """``messages``: begin and end; ``samples``: closing, stamps, outs."""
         self.topics, self.block = topics, block
-        self.begin, self.end = place
-        self.closing, self.stamps, self.outs = found
-        self._answering = answering
+        self.begin, self.end = messages
+        self.closing, self.stamps, self.outs = samples
+        self._pipeline = pipeline
 
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def recorded(self, topic: str) -> tuple[int, NDArray[np.int64]]:
-        """Size and numbers of the messages of a topic among them; -1: they differ in size."""
-        numbers = [channel for channel, name in self.topics.items() if name == topic]
+    def recorded(self, topic: str) -> tuple[int, Integers]:
+        """Size in bytes and numbers of the messages of a topic in the batch.
+
+        The size is -1 if it is not the same for all, and 0 without messages.
+        """
+        channels = [channel for channel, name in self.topics.items() if name == topic]
         part = slice(self.begin, self.end)
-        which = self.begin + np.flatnonzero(np.isin(self.block.channel[part], numbers))
+        which = self.begin + np.flatnonzero(np.isin(self.block.channel[part], channels))
+        if not len(which):
+            return 0, which
         sizes = self.block.size[which]
-        alike = not len(sizes) or bool((sizes == sizes[0]).all())
-        return int(sizes[0]) if alike and len(sizes) else -1 if len(sizes) else 0, which
+        return int(sizes[0]) if (sizes == sizes[0]).all() else -1, which
 
     def rows(self, name: str) -> NDArray[np.uint8]:
         """(n, bytes) the messages of an output, by its relative name."""
-        return self._answering.rows(name, self.stamps, self.outs)
+        return self._pipeline.rows(name, self.stamps, self.outs)
 
     def to_record(
         self, channels: Mapping[str, int], inputs: Collection[str], outputs: Mapping[str, str]
-    ) -> Messages:
-        """Its messages of ``inputs`` and the answers, in the order of a recording.
+    ) -> MessageArrays:
+        """The messages of ``inputs`` and the outputs, in the order of a recording.
 
-        ``channels``: the numbers of topics there; ``outputs``: topics by relative name.
+        ``channels``: numbers of the topics in that recording; ``outputs``: topics by relative name.
         """
         block, (begin, end) = self.block, (self.begin, self.end)
         numbers = np.zeros(1 + int(block.channel[begin:end].max()), np.int64)
@@ -81,7 +85,8 @@ class Stretch:
         first, last = int(start[0]), int(start[-1] + size[-1])
         data = [np.frombuffer(block.raw, np.uint8)[first:last]]
         channel, starts, sizes = [of_all[which]], [start - first], [size]
-        places = [which * (1 + len(outputs))]  # in the order of all; answers follow what closed
+        # Order of all messages: the outputs of a sample follow the message that completed it.
+        ranks = [which * (1 + len(outputs))]
         at = last - first
         for k, (name, topic) in enumerate(outputs.items(), 1):
             rows = self.rows(name)
@@ -89,12 +94,12 @@ class Stretch:
             channel.append(np.full(len(rows), channels[topic]))
             starts.append(at + rows.shape[1] * np.arange(len(rows)))
             sizes.append(np.full(len(rows), rows.shape[1]))
-            places.append((self.closing - begin) * (1 + len(outputs)) + k)
+            ranks.append((self.closing - begin) * (1 + len(outputs)) + k)
             at += rows.size
-        place = np.concatenate(places)
-        order = np.argsort(place)
-        log_time = block.log_time[begin:end].astype(np.int64)[place[order] // (1 + len(outputs))]
-        return Messages(
+        rank = np.concatenate(ranks)
+        order = np.argsort(rank)
+        log_time = block.log_time[begin:end].astype(np.int64)[rank[order] // (1 + len(outputs))]
+        return MessageArrays(
             np.concatenate(data),
             np.concatenate(channel)[order],
             log_time,
@@ -104,118 +109,68 @@ class Stretch:
         )
 
 
-class Stretches:
-    """Take stretches out of a recording for a connector that also answers single messages."""
+class Batches:
+    """Find and process the batches of a recording, between messages processed one by one."""
 
-    def __init__(self, answering: Answering, names: Mapping[str, str]) -> None:
-        """``names``: the inputs by recorded topic."""
-        self._answering = answering
+    def __init__(self, pipeline: MessagePipeline, names: Mapping[str, str]) -> None:
+        """``names``: relative names of the inputs by recorded topic."""
+        self._pipeline = pipeline
         self._names = names
-        self._forms = Forms(answering.scene)
-        self._needed = sum(1 << stream for stream in answering.matcher.needed)
-        self._seen: dict[int, bytes] = {}  # the last message of a stream on the ordinary way
-        self._formed: dict[int, bytes] = {}  # and that which its form is of
-        self._foreign = [0] * STREAMS
-        self._turned = [False] * STREAMS
-        self._numbers = np.full((STREAMS, 4), -1, np.int64)
-        self._words = np.zeros((STREAMS, MOST_WORDS), np.uint64)
+        moving = [body.kind != "fixed" for body in pipeline.scene.bodies]
+        self._needed = [
+            number
+            for number, (body, kind) in enumerate(STREAMS)
+            if moving[body] and kind.mode == pipeline.scene.input
+        ]
         self._topics: Mapping[int, str] = {}
         self._streams = np.zeros(0, np.int64)
-        self._held = np.zeros(STREAMS, np.int64)
-        self._samples = np.zeros((MOST, layout.NSAMPLE))
-        self._outs = np.zeros((MOST, layout.NOUT))
-        self._since = np.zeros(MOST)
-        self._stamps, self._closing = np.zeros((2, MOST), np.int64)
-        self._wait, self._patience = 0, 1
+        self._results = prefix_decoder.DecodedBlock.empty(MAX_SAMPLES)
+        self._outs = np.zeros((MAX_SAMPLES, layout.NOUT))
+        self._wait, self._pause = 0, 1
 
-    def may_begin(self, topic: str, data: bytes) -> bool:
-        """Whether a stretch may begin behind a message of an input that went the ordinary way."""
-        stream = STREAM_OF.get(self._names[topic])
-        if stream is not None:
-            self._seen[stream] = data
+    def may_begin(self) -> bool:
+        """Whether a batch may begin after an input message processed alone; called for each."""
         self._wait -= 1
-        return self._wait <= 0 and self._answering.between_samples
+        return self._wait <= 0 and self._pipeline.between_samples
 
-    def next(self, topics: Mapping[int, str], block: Block, begin: int) -> Stretch | None:
-        """Answer samples from message ``begin`` of a block on; None where that is not possible."""
-        if self._wait > 0 or not prefix_decoder.POSSIBLE or not self._answering.between_samples:
+    def next(self, topics: Mapping[int, str], block: MessageBlock, begin: int) -> Batch | None:
+        """Process samples from message ``begin`` of a block on; None if no batch begins there."""
+        pipeline = self._pipeline
+        if self._wait > 0 or not prefix_decoder.AVAILABLE or not pipeline.between_samples:
             return None
-        if not self._know_forms():
+        decoder = pipeline.decoder
+        if any(decoder.table.size(stream) < 0 for stream in self._needed):
             return None
         began = time.perf_counter()
-        self._look_up(topics, block)
-        matcher = self._answering.matcher
-        assert matcher.last_stamp is not None  # or it would not be between samples
-        base = matcher.sample.copy()
-        for at, load in zip(_LOADS, matcher.loads, strict=True):
-            if load is not None:
-                base[at] = load[0]
-        n, end = prefix_decoder.take(
-            block.unaligned("<u8"), block.unaligned("<f8"), block.channel, block.start, block.size,
-            begin, len(block), self._streams, self._numbers, self._words, self._needed,
-            base, matcher.last_stamp, self._held, self._samples, self._stamps,
-            self._since, self._closing,
-        )  # fmt: skip
-        self._patience = min(2 * self._patience, _PATIENCE) if n < _SHORT else 1
-        self._wait = self._patience if n < _SHORT else 0
+        self._assign_streams(topics, block)
+        n, end = decoder.process_block(block, begin, self._streams, self._results)
+        self._pause = min(2 * self._pause, _MAX_PAUSE) if n < _MIN_SAMPLES else 1
+        self._wait = self._pause if n < _MIN_SAMPLES else 0
         if not n:
             return None
-        found = self._closing[:n], self._stamps[:n], self._outs[:n]
-        self._answer(n, began)
-        return Stretch(topics, block, (begin, end), found, self._answering)
+        self._step(n, began)
+        found = self._results.closing[:n], self._results.stamps[:n], self._outs[:n]
+        return Batch(topics, block, (begin, end), found, pipeline)
 
-    def _answer(self, n: int, began: float) -> None:
-        """Answer n samples and keep what the node keeps of each."""
-        answering, outs, stamps = self._answering, self._outs[:n], self._stamps
-        matcher, since = answering.matcher, self._since[:n]
+    def _step(self, n: int, began: float) -> None:
+        """Process n samples, and update the state of the pipeline as single messages do."""
+        pipeline, outs, results = self._pipeline, self._outs[:n], self._results
+        matcher, stamps, since = pipeline.matcher, results.stamps, results.since[:n]
         before = int(stamps[n - 2]) if n > 1 else matcher.last_stamp
-        matcher.counts.foreign_frames += n * sum(self._foreign)
-        answering.connector.run_each(self._into_world(n), since, outs)
+        pipeline.connector.run(results.samples[:n], since, outs)
         outs[:, layout.COMPUTING_TIME] = (time.perf_counter() - began) / n
-        matcher.sample[:], answering.out[:] = self._samples[n - 1], outs[n - 1]
-        answering.went_on(int(stamps[n - 1]), before, n)
-        statistics.note_all(answering.health.numbers, outs, since, answering.scene.period)
+        matcher.sample[:], pipeline.out[:] = results.samples[n - 1], outs[n - 1]
+        pipeline.advance(int(stamps[n - 1]), before, n)
+        statistics.count_all(pipeline.health.numbers, outs, since, pipeline.scene.period)
 
-    def _into_world(self, n: int) -> NDArray[np.float64]:
-        """(n, NSAMPLE) the samples, what is in body axes turned into the world's."""
-        samples = self._samples[:n]
-        for body, load in enumerate(self._answering.matcher.loads):
-            poses = samples[:, PLACES[2 * body]]
-            into = [PLACES[2 * body + 1]] * (self._turned[2 * body + 1] or self._turned[4 + body])
-            if load is not None and not load[1]:
-                into.append(_LOADS[body])
-            for at in into:
-                samples[:, at] = into_world_all(poses, samples[:, at])
-        return samples
-
-    def _know_forms(self) -> bool:
-        """Keep the forms of what came last; whether there is one for each stream needed."""
-        for stream, data in self._seen.items():
-            if self._formed.get(stream) is data:
-                continue
-            self._formed[stream] = data
-            form = self._forms.of(stream, data)
-            self._numbers[stream] = -1
-            if form is not None:
-                self._numbers[stream], self._words[stream] = form.numbers, form.words
-            self._foreign[stream] = form.foreign if form is not None else 0
-            self._turned[stream] = form is not None and form.turned
-        odometry = self._answering.scene.input == "odometry"
-        streams = (
-            [4 + b for b in (0, 1) if self._needed >> 2 * b & 1]
-            if odometry
-            else [s for s in range(4) if self._needed >> s & 1]
-        )
-        return all(self._numbers[stream, 0] >= 0 for stream in streams)
-
-    def _look_up(self, topics: Mapping[int, str], block: Block) -> None:
-        """Which channel brings which stream."""
-        most = int(block.channel.max()) + 1
-        if topics is self._topics and most <= len(self._streams):
+    def _assign_streams(self, topics: Mapping[int, str], block: MessageBlock) -> None:
+        """Assign each channel number of the block to a stream."""
+        count = int(block.channel.max()) + 1
+        if topics is self._topics and count <= len(self._streams):
             return
         self._topics = topics
-        self._streams = np.full(most, prefix_decoder.NOT_READ, np.int64)
-        for channel in range(most):
+        self._streams = np.full(count, prefix_decoder.NOT_READ, np.int64)
+        for channel in range(count):
             name = self._names.get(topics[channel])
             if name is not None:
-                self._streams[channel] = STREAM_OF.get(name, prefix_decoder.OTHER)
+                self._streams[channel] = STREAM_NUMBER.get(name, prefix_decoder.OTHER_INPUT)

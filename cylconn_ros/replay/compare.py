@@ -1,11 +1,17 @@
-"""Outputs beside outputs: where a replay parts from what was recorded, and by how much."""
+"""Compare replayed outputs with the recorded ones: identical, or the first and largest differences.
+
+Messages of a topic are paired by stamp. Recorded messages are decoded by the schema stored in the
+recording, replayed ones by the installed definition, and the fields are compared by name. A field
+of only one of the two schemas is reported, not compared: a recording stays comparable when a
+message type gets a new field.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +23,13 @@ from cylconn_ros.recording.columns import columns
 from cylconn_ros.recording.message_definitions import interface
 
 _STAMP = struct.Struct("<iI")
-_LOT = 4096  # pairs that differ to be looked into at once
-_WAIT = 100_000  # messages of a topic that wait for their other side at most
-_ZERO = bytes(6 * 8)
-LEAST = 1e-6  # of a field's unit: smaller fields are rounding errors, as residual and offset are
-TIMING = "computing_time"  # of no two runs the same
+_MAX_PAIRS = 4096  # pairs that are decoded at once
+_MAX_WAITING = 100_000  # unpaired messages of a topic
+_ZERO_WRENCH = bytes(6 * 8)
+LEAST_SIZE = 1e-6
+"""Least size of a field, in its unit: smaller values are rounding errors (residual, offset)."""
+TIMING = "computing_time"
+"""The field that differs in every run; it is not compared."""
 
 Rows = NDArray[np.uint8]
 
@@ -30,10 +38,15 @@ Rows = NDArray[np.uint8]
 class Difference:
     """A field that differs.
 
-    ``first`` is the first stamp (ns) where it parts by more than the tolerance, else where it parts
-    at all; ``recorded`` and ``replayed`` are the values there; ``worst`` is the greatest
-    difference, ``relative`` that over the field's greatest size; ``beyond``: more than the
-    tolerance.
+    Attributes
+    ----------
+        field: its name, ``a.b`` if nested.
+        first: stamp (ns) of the first message with a difference above the tolerance; if none is
+            above, of the first with any difference.
+        recorded, replayed: the values in this message.
+        worst: largest difference.
+        relative: ``worst`` divided by the largest absolute value of the field.
+        beyond: whether ``worst`` is above the tolerance.
     """
 
     field: str
@@ -47,7 +60,7 @@ class Difference:
 
 @dataclasses.dataclass
 class Topic:
-    """One output topic: messages matched by their stamps."""
+    """Result for one output topic: numbers of message pairs, and the fields that differ."""
 
     name: str
     type: str
@@ -56,48 +69,69 @@ class Topic:
     only_recorded: int = 0
     only_replayed: int = 0
     differences: list[Difference] = dataclasses.field(default_factory=list)
+    fields_only_recorded: tuple[str, ...] = ()
+    fields_only_replayed: tuple[str, ...] = ()
 
     @property
     def well(self) -> bool:
-        """Whether nothing differs beyond the tolerance and nothing is missing."""
+        """Whether no difference is above the tolerance and no replayed message is missing."""
         return not any(d.beyond for d in self.differences) and not self.only_recorded
+
+    @property
+    def not_compared(self) -> str:
+        """The fields that exist on one side only, as text; '' if there are none."""
+        sides = (("recording", self.fields_only_recorded), ("replay", self.fields_only_replayed))
+        return "; ".join(
+            f"only in the {side}: {', '.join(names)}" for side, names in sides if names
+        )
 
 
 class Comparison:
-    """Collect both sides; :meth:`result` when all are in.
+    """Collect recorded and replayed messages; :meth:`result` after the last.
 
-    Memory holds what waits for its other side, and some pairs that differ.
+    Memory holds messages without a partner, and a limited number of pairs that differ.
     """
 
     def __init__(
-        self, kinds: dict[str, str], timing: dict[str, slice], tolerance: float = 0.0
+        self,
+        types: Mapping[str, str],
+        timing: Mapping[str, slice],
+        tolerance: float = 0.0,
+        definitions: Mapping[str, str] | None = None,
     ) -> None:
-        """Compare topics of the types ``kinds``.
+        """Compare the topics of ``types``, which gives the message type of each.
 
-        ``timing``: the bytes, by topic, that count as equal. ``tolerance``: relative to the
-        greatest size of a field among the messages that differ.
+        Args:
+            timing: by topic, the bytes that are not compared.
+            tolerance: greatest difference that is accepted, relative to the largest absolute value
+                of the field in the messages that differ.
+            definitions: by topic, the schema of the recorded messages (``ros2msg`` text); without
+                one, the recorded messages are decoded by the installed definition.
         """
-        self._topics = {name: Topic(name, kind) for name, kind in kinds.items()}
+        self._topics = {name: Topic(name, kind) for name, kind in types.items()}
         self._timing = timing
-        self._waiting: dict[str, dict[tuple[int, bool], bytes]] = {name: {} for name in kinds}
-        self._pairs: dict[str, list[tuple[bytes, bytes]]] = {name: [] for name in kinds}
-        self._fields = {name: _Fields(kind, tolerance) for name, kind in kinds.items()}
+        self._waiting: dict[str, dict[tuple[int, bool], bytes]] = {name: {} for name in types}
+        self._pairs: dict[str, list[tuple[bytes, bytes]]] = {name: [] for name in types}
+        self._fields = {
+            name: _Fields(kind, (definitions or {}).get(name, ""), tolerance)
+            for name, kind in types.items()
+        }
 
     @property
     def topics(self) -> frozenset[str]:
-        """Topics that are compared."""
+        """The topics that are compared."""
         return frozenset(self._topics)
 
     def recorded(self, topic: str, data: bytes) -> None:
-        """A message as it was recorded."""
+        """Add a recorded message."""
         self._add(topic, data, True)
 
     def replayed(self, topic: str, data: bytes) -> None:
-        """A message of the replay."""
+        """Add a replayed message."""
         self._add(topic, data, False)
 
     def both(self, topic: str, recorded: Rows, replayed: Rows) -> None:
-        """Messages of the same size as (n, bytes) uint8, recorded and replayed, in their orders."""
+        """Add messages of one size as (n, bytes) uint8, recorded and replayed, in their orders."""
         old, new = _stamps(recorded), _stamps(replayed)
         if len(old) == len(new) and np.array_equal(old, new):
             every: NDArray[np.intp] = np.arange(len(old))
@@ -107,9 +141,10 @@ class Comparison:
         shared = old[first]
         if (
             recorded.shape[1] != replayed.shape[1]
+            or not self._fields[topic].one_schema
             or len(np.unique(old)) < len(old)
             or len(np.unique(new)) < len(new)
-            or _any_of(self._waiting[topic], shared)
+            or _any_waits(self._waiting[topic], shared)
         ):
             first = second = np.arange(0)
         for side, pairs, rows in ((True, first, recorded), (False, second, replayed)):
@@ -119,69 +154,81 @@ class Comparison:
                 self._add(topic, rows[k].tobytes(), side)
         before, after = recorded[first], replayed[second]
         differs = before != after
-        left_out = self._timing.get(topic)
-        if left_out is not None:
-            differs[:, left_out] = False
+        not_compared = self._timing.get(topic)
+        if not_compared is not None:
+            differs[:, not_compared] = False
         apart = np.flatnonzero(differs.any(axis=1))
         self._topics[topic].same += len(first) - len(apart)
         for k in apart:
-            self._differ(topic, before[k].tobytes(), after[k].tobytes())
+            self._compare_fields(topic, before[k].tobytes(), after[k].tobytes())
 
-    def _add(self, topic: str, data: bytes, old: bool) -> None:
+    def _add(self, topic: str, data: bytes, is_recorded: bool) -> None:
         if len(data) < 12:
             return
         seconds, nanoseconds = _STAMP.unpack_from(data, 4)
         stamp = seconds * 1_000_000_000 + nanoseconds
         waiting = self._waiting[topic]
-        other = waiting.pop((stamp, not old), None)
+        other = waiting.pop((stamp, not is_recorded), None)
         if other is None:
-            if len(waiting) >= _WAIT:
-                self._alone(topic, next(iter(waiting)))
-            waiting[stamp, old] = data
+            if len(waiting) >= _MAX_WAITING:
+                self._drop(topic, next(iter(waiting)))
+            waiting[stamp, is_recorded] = data
             return
-        pair = (data, other) if old else (other, data)
+        pair = (data, other) if is_recorded else (other, data)
         if self._equal(topic, *pair):
             self._topics[topic].same += 1
         else:
-            self._differ(topic, *pair)
+            self._compare_fields(topic, *pair)
 
-    def _differ(self, topic: str, old: bytes, new: bytes) -> None:
-        self._topics[topic].different += 1
+    def _compare_fields(self, topic: str, old: bytes, new: bytes) -> None:
         pairs = self._pairs[topic]
         pairs.append((old, new))
-        if len(pairs) >= _LOT:
-            self._fields[topic].add(pairs)
-            pairs.clear()
+        if len(pairs) >= _MAX_PAIRS:
+            self._decode(topic)
 
-    def _alone(self, topic: str, which: tuple[int, bool]) -> None:
-        """Count a message that has waited in vain."""
+    def _decode(self, topic: str) -> None:
+        """Compare the collected pairs field by field."""
+        pairs, found, fields = self._pairs[topic], self._topics[topic], self._fields[topic]
+        different = fields.add(pairs)
+        if fields.one_schema:  # the bytes differ, also if no number does: -0.0 and 0.0
+            different = len(pairs)
+        found.different += different
+        found.same += len(pairs) - different
+        pairs.clear()
+
+    def _drop(self, topic: str, which: tuple[int, bool]) -> None:
+        """Count a message without a partner."""
         data = self._waiting[topic].pop(which)
         found = self._topics[topic]
         if not which[1]:
             found.only_replayed += 1
-        elif not data.endswith(_ZERO):  # no zero wrench of a pause in the input
+        elif not data.endswith(_ZERO_WRENCH):  # zero wrenches after an input timeout do not count
             found.only_recorded += 1
 
     def _equal(self, topic: str, one: bytes, other: bytes) -> bool:
+        """Whether two messages of one schema have the same bytes but for the computing time."""
+        if not self._fields[topic].one_schema:
+            return False
         if one == other:
             return True
-        left_out = self._timing.get(topic)
+        not_compared = self._timing.get(topic)
         return (
-            left_out is not None
+            not_compared is not None
             and len(one) == len(other)
-            and one[: left_out.start] == other[: left_out.start]
-            and one[left_out.stop :] == other[left_out.stop :]
+            and one[: not_compared.start] == other[: not_compared.start]
+            and one[not_compared.stop :] == other[not_compared.stop :]
         )
 
     def result(self) -> list[Topic]:
-        """Every topic."""
+        """The result for every topic. Raises RecordingError if a message cannot be decoded."""
         for name, topic in self._topics.items():
             for which in list(self._waiting[name]):
-                self._alone(name, which)
+                self._drop(name, which)
             if self._pairs[name]:
-                self._fields[name].add(self._pairs[name])
-                self._pairs[name].clear()
-            topic.differences = self._fields[name].differences()
+                self._decode(name)
+            fields = self._fields[name]
+            topic.differences = fields.differences()
+            topic.fields_only_recorded, topic.fields_only_replayed = fields.unshared
         return list(self._topics.values())
 
 
@@ -191,55 +238,78 @@ def _stamps(rows: Rows) -> NDArray[np.int64]:
     return np.asarray(seconds * 1_000_000_000 + times.view("<u4")[:, 1], np.int64)
 
 
-def _any_of(waiting: Mapping[tuple[int, bool], bytes], stamps: NDArray[np.int64]) -> bool:
-    """Whether some of the stamps wait."""
+def _any_waits(waiting: Mapping[tuple[int, bool], bytes], stamps: NDArray[np.int64]) -> bool:
+    """Whether messages with some of the stamps have no partner yet."""
     return bool(waiting) and bool(np.isin([stamp for stamp, _ in waiting], stamps).any())
 
 
-@dataclasses.dataclass
-class _Field:
-    """A field's differences so far."""
+class _Pair(NamedTuple):
+    """The values of a field in a pair of messages."""
 
-    size: float = 0.0
-    worst: float = 0.0
-    first: _Parting | None = None
-    # Each farther apart than the one before: whatever the field's size will be in the end, the
-    # first beyond the tolerance is one of them, or within a hundredth of one.
-    farther: list[_Parting] = dataclasses.field(default_factory=list)
-
-
-class _Parting(NamedTuple):
     distance: float
     stamp: int
     recorded: object
     replayed: object
 
 
-class _Fields:
-    """The fields of one type, in pairs of messages that differ and come in lots."""
+@dataclasses.dataclass
+class _Field:
+    """The differences of a field so far."""
 
-    def __init__(self, kind: str, tolerance: float) -> None:
+    size: float = 0.0  # largest absolute recorded value
+    worst: float = 0.0
+    first: _Pair | None = None
+    # Pairs with increasing difference: the first above the tolerance is among them, or within one
+    # per cent of one of them, whatever the size of the field is in the end.
+    increasing: list[_Pair] = dataclasses.field(default_factory=list)
+
+
+class _Fields:
+    """Comparison of the fields of one topic, in lots of message pairs.
+
+    Attributes
+    ----------
+        one_schema: whether recorded and replayed messages have the same fields.
+        unshared: fields of the recorded and of the replayed messages that the other side lacks.
+    """
+
+    def __init__(self, kind: str, definition: str, tolerance: float) -> None:
+        """``definition``: schema of the recorded messages; '': the installed one."""
         self._kind, self._tolerance = kind, tolerance
+        self._type_name = schema.short_name(kind)[0]
+        installed = interface(kind).definition
+        self._schemas = [schema.parse(kind, text) for text in (definition or installed, installed)]
+        self.one_schema = self._schemas[0] == self._schemas[1]
+        old, new = (tuple(_leaves(parsed, self._type_name)) for parsed in self._schemas)
+        self.unshared = (
+            tuple(name for name in old if name not in new),
+            tuple(name for name in new if name not in old),
+        )
         self._fields: dict[str, _Field] = {}
 
-    def add(self, pairs: Sequence[tuple[bytes, bytes]]) -> None:
-        """Take the next pairs."""
-        kind = self._kind
-        parsed, name = schema.parse(kind, interface(kind).definition), schema.short_name(kind)[0]
-        sides = [columns(parsed, name, list(side)) for side in zip(*pairs, strict=True)]
+    def add(self, pairs: Sequence[tuple[bytes, bytes]]) -> int:
+        """Compare pairs of messages, recorded and replayed; the number of pairs that differ."""
+        sides = [
+            columns(parsed, self._type_name, list(side))
+            for parsed, side in zip(self._schemas, zip(*pairs, strict=True), strict=True)
+        ]
         good = sides[0][1] & sides[1][1]
         if not good.all():
-            raise RecordingError(f"{int((~good).sum())} messages of {kind} cannot be decoded")
+            raise RecordingError(f"{int((~good).sum())} messages of {self._kind} cannot be decoded")
         old, new = sides[0][0], sides[1][0]
         seconds = old["header.stamp.sec"].astype(np.int64)
         stamp = seconds * 1_000_000_000 + old["header.stamp.nanosec"]
-        for field, before in old.items():
-            if field != TIMING:
-                self._take(self._fields.setdefault(field, _Field()), stamp, before, new[field])
+        differs = np.zeros(len(pairs), np.bool_)
+        for name, before in old.items():
+            if name != TIMING and name in new:
+                field = self._fields.setdefault(name, _Field())
+                differs |= self._compare(field, stamp, before, new[name])
+        return int(differs.sum())
 
-    def _take(
+    def _compare(
         self, field: _Field, stamp: NDArray[np.int64], before: NDArray[Any], after: NDArray[Any]
-    ) -> None:
+    ) -> NDArray[np.bool_]:
+        """Compare the values of a field; (n,) whether they differ."""
         if before.dtype == object or before.shape != after.shape:
             apart = np.array([str(x) != str(y) for x, y in zip(before, after, strict=True)])
             distance = np.where(apart, math.inf, 0.0)
@@ -247,32 +317,33 @@ class _Fields:
         else:
             one = before.reshape(len(stamp), -1).astype(np.float64)
             two = after.reshape(len(stamp), -1).astype(np.float64)
-            either = np.isnan(one) & np.isnan(two)
-            gap = np.where(either, 0.0, np.abs(one - two))
-            distance = np.where(np.isnan(gap), math.inf, gap).max(axis=1)
+            both_nan = np.isnan(one) & np.isnan(two)
+            difference = np.where(both_nan, 0.0, np.abs(one - two))
+            distance = np.where(np.isnan(difference), math.inf, difference).max(axis=1)
             field.size = max(field.size, float(np.nanmax(np.abs(one), initial=0.0)))
         field.worst = max(field.worst, float(distance.max()))
         highest = np.maximum.accumulate(distance)
-        record = distance > np.concatenate(([0.0], highest[:-1]))
-        for k in np.flatnonzero(record):
+        increases = distance > np.concatenate(([0.0], highest[:-1]))
+        for k in np.flatnonzero(increases):
             far = float(distance[k])
-            last = field.farther[-1].distance if field.farther else 0.0
+            last = field.increasing[-1].distance if field.increasing else 0.0
             if field.first is not None and (self._tolerance == 0.0 or far < 1.01 * last):
                 continue
-            found = _Parting(far, int(stamp[k]), _shown(before[k]), _shown(after[k]))
+            found = _Pair(far, int(stamp[k]), _shown(before[k]), _shown(after[k]))
             field.first = field.first or found
-            field.farther.append(found)
+            field.increasing.append(found)
+        return distance > 0.0
 
     def differences(self) -> list[Difference]:
-        """What has been found; what is beyond the tolerance first."""
+        """The fields that differ; those above the tolerance first."""
         found = []
         for name, field in self._fields.items():
             if field.first is None:
                 continue
-            limit = self._tolerance * max(LEAST, field.size)  # LEAST for texts, which have none
+            limit = self._tolerance * max(LEAST_SIZE, field.size)  # a text has no size
             beyond = field.worst > limit
-            over = (each for each in field.farther if each.distance > limit)
-            at = next(over, field.farther[-1]) if beyond else field.first
+            above = (each for each in field.increasing if each.distance > limit)
+            at = next(above, field.increasing[-1]) if beyond else field.first
             relative = field.worst / field.size if field.size > 0.0 else math.inf
             found.append(
                 Difference(
@@ -283,5 +354,21 @@ class _Fields:
         return sorted(found, key=lambda d: (not d.beyond, d.first))
 
 
+def _leaves(parsed: schema.Schema, type_name: str, prefix: str = "") -> Iterator[str]:
+    """Names of the fields of a type, ``a.b`` for nested ones."""
+    for member in parsed[type_name]:
+        if member.type in parsed:
+            yield from _leaves(parsed, member.type, f"{prefix}{member.name}.")
+        else:
+            yield f"{prefix}{member.name}"
+
+
 def _shown(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def verdict(topics: Sequence[Topic], tolerance: float) -> str:
+    """The result for all topics, as text."""
+    if not all(topic.well for topic in topics):
+        return "OUTPUTS DIFFER"
+    return f"outputs equal within tolerance {tolerance:g}" if tolerance else "outputs identical"

@@ -1,8 +1,8 @@
-"""A recording through the connector again, as fast as the machine allows.
+"""Replay: process a recording's inputs with the node's message pipeline, without ROS.
 
-The messages go through the node's own :class:`~cylconn_ros.messages.pipeline.Answering` in the order in
-which they were recorded, so that what comes out is what the live node published: the same bytes,
-but for the time that an answer took.
+The messages pass through a :class:`~cylconn_ros.messages.pipeline.MessagePipeline` in the order in
+which they were recorded. The outputs are those that the live node published, byte for byte except
+the computing time.
 """
 
 from __future__ import annotations
@@ -14,20 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, Answer, Answering
+from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
-from cylconn_ros.recording.message_block import Block
+from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.sqlite import Topics
-from cylconn_ros.replay.batches import Stretch, Stretches
+from cylconn_ros.replay.batches import Batch, Batches
+from cylconn_ros.scene.inputs import INPUTS
 from cylconn_ros.scene.scene import Scene
 
 NODE = "/connector"
-_FEW = 64  # messages between two looks whether a stretch may begin
+_FEW = 64  # messages processed one by one before the next attempt at a batch
+
+_OPTIONAL = tuple(f"/{kind.topic}" for kind in INPUTS if not kind.carries_motion)
 
 
 class Item(NamedTuple):
-    """A message: as it was recorded, or ``replayed``, with the log time of what it answers."""
+    """A recorded message, or a replayed output with the log time of the message that caused it."""
 
     topic: str
     log_time: int
@@ -37,172 +40,200 @@ class Item(NamedTuple):
 
 @dataclasses.dataclass
 class Counts:
-    """What became of the messages of a recording."""
+    """Numbers of messages of a recording, by their use."""
 
     read: int = 0
-    used: int = 0
-    answers: int = 0
-    outputs: int = 0  # what the recorded connector itself had published
-    foreign: int = 0  # of topics that are no input
+    used: int = 0  # inputs
+    responses: int = 0  # samples processed
+    outputs: int = 0  # recorded outputs of the connector
+    other: int = 0  # of topics that are neither input nor output
     by_topic: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
 class Replay:
-    """A recording's inputs, answered by a connector.
+    """Process a recording's inputs with the pipeline of a connector.
 
     Attributes
     ----------
-        answering: the connector and its health.
-        inputs: recorded topic of every input found, by the input's relative name.
+        pipeline: the message pipeline, with its counters.
+        inputs: recorded topic of every input found, by its relative name.
         names, outputs: resolved topic and type of every output, by its relative name.
-        taken: recorded topics that are inputs.
-        timing: the bytes that no two runs have in common, by topic.
-        counts: what became of the messages so far.
+        input_topics: recorded topics that are inputs.
+        timing: by topic, the bytes that differ in every run.
+        counts: numbers of messages so far.
 
-    Raises RecordingError where the recording lacks an input that every sample needs, and SceneError
-    where the connector cannot serve the scene.
+    Raises RecordingError if the recording lacks an input that every sample needs, and SceneError if
+    the connector cannot serve the scene.
     """
 
     def __init__(self, bag: Bag, scene: Scene, renamed: Mapping[str, str] | None = None) -> None:
-        """Prepare; ``renamed``: the recorded topic of an input, ``body_b/odom: /robot/odom``."""
+        """``renamed``: the recorded topic of an input, e.g. ``{"body_b/odom": "/robot/odom"}``."""
         self.bag, self.scene = bag, scene
-        self.answering = Answering(scene)
-        self.node = bag.texts.get("node", NODE)
-        self.inputs = _inputs(bag, self.answering, self.node, dict(renamed or {}))
+        self.pipeline = MessagePipeline(scene)
+        self.node = bag.metadata.get("node", NODE)
+        self.inputs = _inputs(bag, self.pipeline, self.node, dict(renamed or {}))
         self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}
         self.outputs = dict(OUTPUTS)
-        self.taken = frozenset(self.inputs.values())
-        self.timing = {self.names[STATE_TOPIC]: self.answering.timing}
+        self.input_topics = frozenset(self.inputs.values())
+        self.timing = {self.names[STATE_TOPIC]: self.pipeline.timing}
         self.counts = Counts()
-        self._published = set(self.names.values())
-        self._receive: dict[str, Callable[[bytes], Answer | None]] = {}
+        self._output_topics = set(self.names.values())
+        self._receive: dict[str, Callable[[bytes], Response | None]] = {}
 
     def messages(self) -> Iterator[Item]:
-        """Every message of an input or output, as recorded, and every answer's where it is due."""
-        self._listen()
+        """Yield every recorded input and output message, and every replayed output."""
+        self._begin()
         for topic, log_time, data in self.bag.messages():
-            yield from self._one(topic, log_time, data)
-        self._settle()
+            yield from self._process(topic, log_time, data)
+        self._flush()
 
-    def parts(self) -> Iterator[Item | Stretch]:
-        """The same, sooner: where messages are alike, many samples are one part.
+    def parts(self) -> Iterator[Item | Batch]:
+        """As :meth:`messages`, batched: runs of messages with known prefixes come as one Batch.
 
-        A stretch is to be looked at before the next part is asked for.
+        The arrays of a batch are valid until the next part is requested.
         """
-        self._listen()
+        self._begin()
         by_topic = {topic: name for name, topic in self.inputs.items()}
-        stretches = Stretches(self.answering, by_topic)
+        batches = Batches(self.pipeline, by_topic)
         for topics, block in self.bag.blocks():
             at = 0
             while at < len(block):
-                stretch = stretches.next(topics, block, at)
-                if stretch is None:
-                    at = yield from self._ordinarily(topics, block, at, stretches)
+                batch = batches.next(topics, block, at)
+                if batch is None:
+                    at = yield from self._one_by_one(topics, block, at, batches)
                 else:
-                    at = stretch.end
-                    self._count(stretch)
-                    yield stretch
-        self._settle()
+                    at = batch.end
+                    self._count(batch)
+                    yield batch
+        self._flush()
 
-    def _listen(self) -> None:
-        inputs = self.answering.inputs
+    def _begin(self) -> None:
+        inputs = self.pipeline.inputs
         self._receive = {topic: inputs[name].receive for name, topic in self.inputs.items()}
 
-    def _ordinarily(
-        self, topics: Topics, block: Block, begin: int, stretches: Stretches
+    def _one_by_one(
+        self, topics: Topics, block: MessageBlock, begin: int, batches: Batches
     ) -> Generator[Item, None, int]:
-        """Messages up to where a stretch may begin, or a few; gives the number of the next."""
+        """Process messages until a batch may begin, _FEW at most; return the number of the next."""
         end = min(begin + _FEW, len(block))
         for k, (channel, log_time, _, data) in enumerate(block.messages(begin, end), begin + 1):
             topic = topics[channel]
-            yield from self._one(topic, log_time, data)
-            if topic in self.taken and stretches.may_begin(topic, data):
+            yield from self._process(topic, log_time, data)
+            if topic in self.input_topics and batches.may_begin():
                 return k
         return end
 
-    def _one(self, topic: str, log_time: int, data: bytes) -> Iterator[Item]:
-        """A message as recorded, and what answers it."""
+    def _process(self, topic: str, log_time: int, data: bytes) -> Iterator[Item]:
+        """Yield a recorded message, and the outputs of the sample that it completes."""
         counts = self.counts
         counts.read += 1
-        take = self._receive.get(topic)
-        if take is None:
-            if topic in self._published:
+        receive = self._receive.get(topic)
+        if receive is None:
+            if topic in self._output_topics:
                 counts.outputs += 1
                 yield Item(topic, log_time, data, False)
             else:
-                counts.foreign += 1
+                counts.other += 1
             return
         counts.by_topic[topic] = counts.by_topic.get(topic, 0) + 1
         counts.used += 1
         yield Item(topic, log_time, data, False)
-        answer = take(data)
-        if answer is not None:
-            counts.answers += 1
-            for (name, _), answered in zip(OUTPUTS, answer[1:], strict=True):
-                if answered is not None:
-                    yield Item(self.names[name], log_time, answered, True)
+        response = receive(data)
+        if response is not None:
+            counts.responses += 1
+            for (name, _), message in zip(OUTPUTS, response[1:], strict=True):
+                if message is not None:
+                    yield Item(self.names[name], log_time, message, True)
 
-    def _count(self, stretch: Stretch) -> None:
-        """Count the messages of a stretch."""
-        counts, topics = self.counts, stretch.topics
-        channels = stretch.block.channel[stretch.begin : stretch.end].astype(np.int64)
+    def _count(self, batch: Batch) -> None:
+        """Count the messages of a batch."""
+        counts, topics = self.counts, batch.topics
+        channels = batch.block.channel[batch.begin : batch.end].astype(np.int64)
         for channel, number in enumerate(np.bincount(channels).tolist()):
             topic = topics[channel] if number else ""
             counts.read += number
-            if topic in self.taken:
+            if topic in self.input_topics:
                 counts.used += number
                 counts.by_topic[topic] = counts.by_topic.get(topic, 0) + number
-            elif topic in self._published:
+            elif topic in self._output_topics:
                 counts.outputs += number
             else:
-                counts.foreign += number
-        counts.answers += len(stretch)
+                counts.other += number
+        counts.responses += len(batch)
 
-    def _settle(self) -> None:
-        """Count what is held for samples that are not complete."""
-        self.answering.settle()
-        self.answering.settle()
+    def _flush(self) -> None:
+        """Count the messages of incomplete samples: two calls without progress in between."""
+        self.pipeline.flush()
+        self.pipeline.flush()
 
     def topics(self) -> list[TopicInfo]:
-        """Every topic of a run that is made of inputs and answers."""
-        kinds = {topic: self.answering.inputs[name].type for name, topic in self.inputs.items()}
+        """The topics of a recording of the inputs and the replayed outputs."""
+        kinds = {topic: self.pipeline.inputs[name].type for name, topic in self.inputs.items()}
         kinds |= {self.names[name]: kind for name, kind in OUTPUTS}
         return [TopicInfo(topic, kind) for topic, kind in kinds.items()]
 
-    def unmatched(self) -> dict[str, int]:
-        """Messages of inputs that did not become part of a sample, by reason."""
-        counts = vars(self.answering.matcher.counts)
-        return {name.replace("_", " "): n for name, n in counts.items() if n and name != "samples"}
+    def irregularities(self) -> list[str]:
+        """Texts about irregular messages and samples, e.g. ``duplicates: 3 samples, 6 messages``.
+
+        Empty if every input message became part of a sample with a solution.
+        """
+        counts, health = self.pipeline.matcher.counts, self.pipeline.health
+        kinds = {
+            "undecodable": {"messages": health.undecodable},
+            "not finite": {"samples": health.not_finite},
+            "quaternion of length zero": {"samples": health.bad_quaternion},
+            "without a period": {"samples": health.no_period},
+            "not one period apart": {"samples": health.off_period},
+            "refused": {"commands": health.refused},
+            "failed": {"samples": health.failed},
+            "duplicates": {
+                "samples": counts.duplicate_samples, "messages": counts.duplicate_messages,
+            },
+            "late": {"messages": counts.late},
+            "incomplete": {"samples": counts.incomplete},
+            "stamps went back": {"restarts": counts.restarts},
+            "unknown frame_id": {"messages": counts.unknown_frames},
+        }  # fmt: skip
+        return [
+            f"{text}: " + ", ".join(f"{number} {of}" for of, number in found.items() if number)
+            for text, found in kinds.items()
+            if any(found.values())
+        ]
 
 
 def _resolved(name: str, node: str) -> str:
-    """A relative or private name as the node of that name would have it."""
+    """A relative or private topic name, resolved for a node."""
     if name.startswith("~/"):
         return f"{node}/{name[2:]}"
     return f"{node.rpartition('/')[0]}/{name}"
 
 
-def _inputs(bag: Bag, answering: Answering, node: str, renamed: dict[str, str]) -> dict[str, str]:
-    """The recorded topic of every input: as renamed, as the node had it, the only one like it."""
+def _inputs(
+    bag: Bag, pipeline: MessagePipeline, node: str, renamed: dict[str, str]
+) -> dict[str, str]:
+    """The recorded topic of every input.
+
+    It is the renamed one, or that of the recorded node, or the only topic with such an ending.
+    """
     for name in renamed:
-        if name not in answering.inputs:
-            known = ", ".join(answering.inputs)
+        if name not in pipeline.inputs:
+            known = ", ".join(pipeline.inputs)
             raise RecordingError(f"{name}: is no input of this scene; its inputs are {known}")
     found: dict[str, str] = {}
     missing = []
-    for name, wanted in answering.inputs.items():
+    for name, wanted in pipeline.inputs.items():
         topic = renamed.get(name) or bag.names.get(name) or _resolved(name, node)
         if name not in renamed and topic not in bag.types:
-            alike = [t for t in bag.types if t.endswith("/" + name.removeprefix("~/"))]
-            topic = alike[0] if len(alike) == 1 else topic
+            similar = [t for t in bag.types if t.endswith("/" + name.removeprefix("~/"))]
+            topic = similar[0] if len(similar) == 1 else topic
         if topic in bag.types:
             if bag.types[topic] != wanted.type:
                 raise RecordingError(
-                    f"{bag.path}: {topic} holds {bag.types[topic]}, {name} must be {wanted.type}"
+                    f"{bag.path}: {topic} has type {bag.types[topic]}, {name} must be {wanted.type}"
                 )
             found[name] = topic
-        elif name in renamed or not (name == COMMAND or name.endswith("/load")):
-            missing.append(f"{name} ({wanted.type}; looked for {topic})")
+        elif name in renamed or not (name == COMMAND or name.endswith(_OPTIONAL)):
+            missing.append(f"{name} ({wanted.type}; searched for {topic})")
     if missing:
         has = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.types.items()))
         raise RecordingError(

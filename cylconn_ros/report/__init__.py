@@ -1,1 +1,1 @@
-"""The report of a recorded run: one page that opens anywhere, and its summary in a terminal."""
+"""Reports of a run: self-contained HTML page, sparklines for the terminal, matplotlib picture."""

@@ -1,7 +1,7 @@
-"""Fewer points with the same extremes: buckets of samples, with their smallest and largest value.
+"""Decimation of long runs to buckets of consecutive samples, with the extremes of each bucket.
 
-A bucket is a stretch of consecutive samples. What is drawn from it covers every sample in it, so a
-peak of one sample in a million is as high on the page as in the recording.
+The drawn range of a bucket contains all of its samples, so that a peak of a single sample has its
+full height on the page.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 
 
-def starts(count: int, buckets: int) -> npt.NDArray[np.intp]:
-    """First row of each bucket: at most ``buckets`` of nearly the same size, none empty."""
+def bucket_starts(count: int, buckets: int) -> npt.NDArray[np.intp]:
+    """Return the first row of each bucket: at most ``buckets`` of nearly equal size, none empty."""
     number = min(count, buckets)
     return np.arange(number, dtype=np.intp) * count // max(number, 1)
 
 
 def extremes(values: Array, first: Array) -> tuple[Array, Array]:
-    """Smallest and largest finite value of each bucket; NaN where a bucket has none.
+    """Return smallest and largest finite value of each bucket; NaN if a bucket has none.
 
     Parameters
     ----------
@@ -36,26 +36,26 @@ def extremes(values: Array, first: Array) -> tuple[Array, Array]:
     return np.fmin.reduceat(finite, first), np.fmax.reduceat(finite, first)
 
 
-def union(bits: Array, first: Array) -> Array:
-    """Every bit that is up somewhere in a bucket; ``bits`` (n,) whole numbers."""
+def bitwise_or(bits: Array, first: Array) -> Array:
+    """Return the bitwise or of the samples of each bucket; ``bits`` (n,) integers."""
     return np.bitwise_or.reduceat(bits, first)
 
 
-class Extremes:
-    """:func:`extremes` of values that come piece by piece.
+class RunningExtremes:
+    """:func:`extremes` of values that are added block by block.
 
     Attributes
     ----------
-        low, high: (m,) so far; NaN where a bucket has no finite value.
+        low, high: (m,) of the values added so far; NaN if a bucket has no finite value.
     """
 
     def __init__(self, first: Array) -> None:
-        """``first``: (m,) first rows of the buckets."""
+        """Start with no values; ``first`` (m,) are the first rows of the buckets."""
         self._first, self._at = first, 0
         self.low, self.high = np.full((2, len(first)), np.nan)
 
     def add(self, values: Array) -> None:
-        """Take the next (n,) values."""
+        """Add the next (n,) values."""
         which, first = _touched(self._first, self._at, len(values))
         low, high = extremes(values, first)
         self.low[which] = np.fmin(self.low[which], low)
@@ -63,33 +63,33 @@ class Extremes:
         self._at += len(values)
 
 
-class Union:
-    """:func:`union` of bits that come piece by piece; ``bits`` (m,) so far."""
+class RunningBitwiseOr:
+    """:func:`union` of integers that are added block by block; the result is ``bits`` (m,)."""
 
     def __init__(self, first: Array) -> None:
-        """``first``: (m,) first rows of the buckets."""
+        """Start with no values; ``first`` (m,) are the first rows of the buckets."""
         self._first, self._at = first, 0
         self.bits = np.zeros(len(first), np.int64)
 
     def add(self, bits: Array) -> None:
-        """Take the next (n,) bits."""
+        """Add the next (n,) integers."""
         which, first = _touched(self._first, self._at, len(bits))
-        self.bits[which] |= union(bits, first)
+        self.bits[which] |= bitwise_or(bits, first)
         self._at += len(bits)
 
 
 def _touched(first: Array, start: int, count: int) -> tuple[slice, Array]:
-    """The buckets that rows from ``start`` on belong to, and their first rows among these."""
+    """Return the buckets of ``count`` rows from ``start`` on, and their first rows in the block."""
     begin = int(np.searchsorted(first, start, "right")) - 1
     end = int(np.searchsorted(first, start + count, "left"))
     return slice(begin, end), np.maximum(first[begin:end] - start, 0)
 
 
-def telling_rows(columns: Iterable[Array], first: Array, count: int) -> npt.NDArray[np.intp]:
-    """Rows that stand for their buckets where whole samples are needed, as for a path in a plane.
+def extreme_rows(columns: Iterable[Array], first: Array, count: int) -> npt.NDArray[np.intp]:
+    """Return rows that represent their buckets, for plots that need whole samples (trajectories).
 
-    The first row of each bucket, and those with the smallest and the largest finite value of each
-    column; in order, each once.
+    These are the first row of each bucket, the rows with the smallest and the largest finite value
+    of each column, and the last row; in order, each once.
     """
     kept = [np.asarray(first, dtype=np.intp), np.array([count - 1], dtype=np.intp)]
     ends = np.append(first[1:], count)

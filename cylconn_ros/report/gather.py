@@ -1,4 +1,4 @@
-"""From a recorded run to what a report shows of it: states in order of time, poses, geometry."""
+"""Data of a run for a report: states in order of time, poses, geometry of the 3-D view."""
 
 from __future__ import annotations
 
@@ -11,45 +11,48 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording.run import STAMP, Run
+from cylconn_ros.recording.run import Run
+from cylconn_ros.recording.table import STAMP
 from cylconn_ros.report.panels import States
+from cylconn_ros.scene.inputs import INPUTS
 
 Array = npt.NDArray[Any]
-_POSES = {"geometry_msgs/msg/PoseStamped": "pose", "nav_msgs/msg/Odometry": "pose.pose"}
-_GAP = 5.0  # median periods without a sample
+_POSES = {kind.type: kind.pose_fields for kind in INPUTS if kind.pose_fields[0]}
+_GAP = 5.0  # median periods without a sample, above which curves are interrupted
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the 3-D view needs beside the states (m; quaternions x y z w; world axes)."""
+    """Geometry of the 3-D view (m; quaternions x y z w; world axes)."""
 
-    origin: Array  # (n, 3) node a, or (1, 3) where body A is fixed or its pose unknown
-    axes: Array  # (n, 4) or (1, 4) orientation of node a, its x axis the slot
+    origin: Array  # (n, 3) node a; (1, 3) if body A is fixed or its pose is unknown
+    axes: Array  # (n, 4) or (1, 4) orientation of node a, whose x axis is the slot
     centre: Array | None  # (n, 3) mass centre of body B
     radius: float
     overlap: float
-    stops: tuple[float, float]  # l_min, l_max; NaN where there is none
+    stops: tuple[float, float]  # l_min, l_max; NaN: none
     up: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """Samples of a run in order of time; their states stay in the file until they are asked for.
+class RunData:
+    """Samples of a run in order of time; the states are read from the file on demand.
 
     Attributes
     ----------
-        time: (n,) s since the first sample. start_ns: its stamp.
+        time: (n,) s since the first sample. start_ns: stamp of the first sample.
         gaps: (n,) bool, samples are missing before this one.
-        pieces: gives the states, one lot after the other; only some fields, if they are named.
-        geometry_at: what the 3-D view needs at some of the samples, by their numbers.
-        radius: of the states. methods: that answered. undecodable: states left out as such.
-        notes: what has to be said of the run.
+        read_states: yields the states block by block, with the given fields or (None) all.
+        geometry_at: returns the geometry at the samples with the given numbers.
+        radius: R of the states, m. methods: that computed them.
+        undecodable: number of states that could not be decoded.
+        notes: remarks for the reader of the report.
     """
 
     time: Array
     start_ns: int
     gaps: Array
-    pieces: Callable[[Collection[str] | None], Iterator[States]]
+    read_states: Callable[[Collection[str] | None], Iterator[States]]
     geometry_at: Callable[[Array], Geometry]
     radius: float = math.nan
     methods: tuple[str, ...] = ()
@@ -57,25 +60,25 @@ class Gathered:
     notes: list[str] = field(default_factory=list)
 
 
-def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathered:
-    """Collect the samples of a run between ``start`` and ``end``, in s since its first sample.
+def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> RunData:
+    """Collect the samples of a run between ``start`` and ``end``, s since the first sample.
 
-    Raises RecordingError where the run has no states, or none in between.
+    Raises RecordingError if the run has no states, or none in this range.
     """
     topic = run.state_topic
     undecodable, methods = 0, dict[str, None]()
     stamps: list[npt.NDArray[np.int64]] = [np.zeros(0, np.int64)]
-    for piece in run.pieces(topic, only=(*STAMP, "method")):
-        undecodable += piece.undecodable
-        if len(piece):
-            stamps.append(piece.stamp)
-            methods |= dict.fromkeys(piece["method"])
+    for block in run.read_blocks(topic, fields=(*STAMP, "method")):
+        undecodable += block.undecodable
+        if len(block):
+            stamps.append(block.stamp)
+            methods |= dict.fromkeys(block["method"])
     stamp = np.concatenate(stamps)
     if not len(stamp):
         raise RecordingError(f"{run.path}: no state was recorded")
-    notes = [f"The recording is not whole: {run.incomplete}."] if run.incomplete else []
+    notes = [f"The recording is incomplete: {run.incomplete}."] if run.incomplete else []
     if undecodable:
-        notes.append(f"Left out, as they could not be decoded: states {undecodable}.")
+        notes.append(f"Skipped: {undecodable} states that cannot be decoded.")
     rows, time = _in_order(stamp, notes)
     within = (time >= start) & (time <= end)
     if not within.any():
@@ -84,45 +87,53 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> Gathere
         )
     if not within.all():
         shown = time[within]
-        notes.append(f"Only {shown[0]:.6g} to {shown[-1]:.6g} s of {time[-1]:.6g} s.")
+        notes.append(f"Shown: {shown[0]:.6g} to {shown[-1]:.6g} s of {time[-1]:.6g} s.")
     rows, time = rows[within], time[within]
     step = np.diff(time, prepend=time[0])
     gaps = step > _GAP * max(float(np.median(step[1:])) if len(step) > 1 else 0.0, 1e-9)
     if gaps.any():
         notes.append(
-            f"Gaps without samples: {int(gaps.sum())}, {step[gaps].sum():.6g} s in all; "
+            f"Gaps without samples: {int(gaps.sum())}, {step[gaps].sum():.6g} s in total; "
             "curves are interrupted there."
         )
     stamp = stamp[rows]
     radius, preload = _number(run, "friction.radius"), _number(run, "friction.preload")
 
-    def pieces(only: Collection[str] | None = None) -> Iterator[States]:
+    def read_states(fields: Collection[str] | None = None) -> Iterator[States]:
         at = 0
-        for piece in run.pieces(topic, only=only):
-            begin, stop = np.searchsorted(rows, (at, at + len(piece)))
-            taken = rows[begin:stop] - at
-            at += len(piece)
-            if len(taken):
-                fields = {n: v[taken] for n, v in piece.columns.items() if v.dtype != object}
-                yield States(fields, radius, preload)
+        for block in run.read_blocks(topic, fields=fields):
+            begin, stop = np.searchsorted(rows, (at, at + len(block)))
+            inside = rows[begin:stop] - at
+            at += len(block)
+            if len(inside):
+                columns = {n: v[inside] for n, v in block.columns.items() if v.dtype != object}
+                yield States(columns, radius, preload)
 
     def geometry_at(which: Array) -> Geometry:
         return _geometry(run, radius, stamp[which])
 
     if run.parameters.get("body_a.kind", "") != "fixed" and _pose_topic(run, "body_a") is None:
         notes.append("The pose of body A was not recorded: the 3-D view shows it at rest.")
-    return Gathered(
-        time, int(stamp[0]), gaps, pieces, geometry_at, radius, tuple(methods), undecodable, notes
+    return RunData(
+        time,
+        int(stamp[0]),
+        gaps,
+        read_states,
+        geometry_at,
+        radius,
+        tuple(methods),
+        undecodable,
+        notes,
     )
 
 
 def _in_order(stamp: Array, notes: list[str]) -> tuple[Array, Array]:
-    """Rows whose stamps go up, and their times; the others are counted."""
+    """Return the rows with ascending stamps and their times; note the number of the others."""
     latest = np.maximum.accumulate(stamp)
     rows = np.flatnonzero(np.concatenate(([True], stamp[1:] > latest[:-1])))
-    left = len(stamp) - len(rows)
-    if left:
-        notes.append(f"Left out, as their stamps repeat or go back: samples {left}.")
+    skipped = len(stamp) - len(rows)
+    if skipped:
+        notes.append(f"Skipped: duplicate or non-monotonic stamps (samples: {skipped}).")
     return rows, (stamp[rows] - stamp[rows[0]]) * 1e-9
 
 
@@ -165,10 +176,10 @@ def _geometry(run: Run, radius: float, stamp: Array) -> Geometry:
 
 
 def _pose_topic(run: Run, body: str) -> str | None:
-    """Topic of a body's poses.
+    """Return the topic of a body's poses, or None.
 
-    Found by its name; where topics were renamed, the only one with poses is that of the only body
-    that moves.
+    Found by its name. If no topic has such a name and only one body moves, it is the only topic
+    with poses.
     """
     moving = [b for b in ("body_a", "body_b") if run.parameters.get(f"{b}.kind") != "fixed"]
     topics = [t for t, kind in run.types.items() if kind in _POSES and run.counts[t]]
@@ -178,14 +189,13 @@ def _pose_topic(run: Run, body: str) -> str | None:
 
 
 def _pose(run: Run, body: str, stamp: Array) -> Array | None:
-    """Pose of a body at each stamp, (n, 7), from the message nearest in time; None if unknown."""
+    """Return the pose of a body at each stamp (n, 7), from the nearest message; None if unknown."""
     topic = _pose_topic(run, body)
     if topic is None:
         return None
-    prefix = _POSES[run.types[topic]]
-    names = [f"{prefix}.position.{c}" for c in "xyz"]
-    names += [f"{prefix}.orientation.{c}" for c in "xyzw"]
-    stamps = [piece.stamp for piece in run.pieces(topic, only=STAMP) if len(piece)]
+    position, orientation = _POSES[run.types[topic]]
+    names = [f"{position}.{c}" for c in "xyz"] + [f"{orientation}.{c}" for c in "xyzw"]
+    stamps = [block.stamp for block in run.read_blocks(topic, fields=STAMP) if len(block)]
     if not stamps:
         return None
     known = np.concatenate(stamps)
@@ -197,24 +207,24 @@ def _pose(run: Run, body: str, stamp: Array) -> Array | None:
     nearer = np.where(stamp - known[before] <= known[after] - stamp, before, after)
     wanted, where = np.unique(order[nearer], return_inverse=True)
     poses, at = np.empty((len(wanted), 7)), 0
-    for piece in run.pieces(topic, only=names):
-        begin, stop = np.searchsorted(wanted, (at, at + len(piece)))
-        taken = wanted[begin:stop] - at
-        at += len(piece)
-        for k, name in enumerate(names if len(taken) else ()):
-            poses[begin:stop, k] = piece[name][taken]
+    for block in run.read_blocks(topic, fields=names):
+        begin, stop = np.searchsorted(wanted, (at, at + len(block)))
+        inside = wanted[begin:stop] - at
+        at += len(block)
+        for k, name in enumerate(names if len(inside) else ()):
+            poses[begin:stop, k] = block[name][inside]
     return poses[where]
 
 
 def rotate(q: Array, vector: Array) -> Array:
-    """Turn ``vector`` (3,) by each quaternion of q (n, 4), x y z w; (n, 3)."""
+    """Rotate ``vector`` (3,) by each quaternion of q (n, 4), x y z w; return (n, 3)."""
     u, w = q[:, :3], q[:, 3:]
     twice = 2.0 * np.cross(u, vector)
     return np.asarray(vector + w * twice + np.cross(u, twice))
 
 
 def multiply(q: Array, p: Array) -> Array:
-    """The rotation ``p`` (4,) followed by each of q (n, 4); (n, 4)."""
+    """Return the quaternion products q p (n, 4): rotation ``p`` (4,), then each of q (n, 4)."""
     u, w = q[:, :3], q[:, 3:]
     vector = w * p[:3] + p[3] * u + np.cross(u, p[:3])
     return np.concatenate([vector, w * p[3] - (u @ p[:3])[:, None]], axis=1)

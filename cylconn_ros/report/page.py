@@ -1,4 +1,4 @@
-"""One self-contained page of a run: template, style, program and numbers in one text."""
+"""Renderer of the self-contained HTML page: template, style, scripts and data in one file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SCRIPTS = ("data", "axis", "chart", "events", "plane", "solid", "scene", "curso
 
 @dataclass(frozen=True)
 class Fact:
-    """One line of the summary; ``bad`` marks what the reader should not miss."""
+    """One entry of the summary; ``bad`` highlights a problem."""
 
     label: str
     value: str
@@ -32,20 +32,20 @@ def render(
     head: dict[str, Any],
     numbers: str,
 ) -> str:
-    """Put a page together.
+    """Render a page.
 
     Parameters
     ----------
     title
-        What was recorded.
+        Heading of the page.
     facts, notes
-        The summary; what has to be known to read it rightly.
+        The summary; remarks for its interpretation.
     sources
-        Name and value of what the run was made with: version, method, model, file.
+        Name and value of the origin of the run: version, method, model, file.
     parameters
         The parameters in force, as a parameter file.
     head, numbers
-        From :func:`payload.build`.
+        From :func:`payload.build_payload`.
 
     """
     parts = {
@@ -60,11 +60,11 @@ def render(
         "script": "\n".join(
             (_STATIC / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS
         ),
-        # In a script element only `<` could end it or begin a comment.
+        # Within a script element only `<` can end the element or start a comment.
         "head": json.dumps(head, allow_nan=False).replace("<", "\\u003c"),
         "numbers": numbers,
     }
-    # Split rather than replaced in turn: what is put in may itself hold a mark.
+    # Split, not replaced one by one, since inserted text may itself contain a placeholder.
     pieces = (_STATIC / "page.html").read_text(encoding="utf-8").split("%%")
     pieces[1::2] = [parts[name] for name in pieces[1::2]]
     return "".join(pieces)

@@ -1,4 +1,4 @@
-"""Which plots a report has: every panel, its curves, and how they follow from ConnectorState."""
+"""Panels of a report: their curves, computed from the fields of ConnectorState."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class States:
-    """States of a run, and what their scene says about friction."""
+    """States of a run, with the friction parameters that the plots need."""
 
     fields: Mapping[str, Array]  # of ConnectorState, (n,) or (n, k)
-    radius: float = math.nan  # m, R; NaN: no friction modelled
-    preload: float = math.nan  # N, FCint; NaN: unknown
+    radius: float = math.nan  # R, m; NaN: friction is not modelled
+    preload: float = math.nan  # FCint, N; NaN: unknown
 
     def __call__(self, name: str, component: int | None = None) -> Array:
-        """A field, or one component of it, as floats (n,)."""
+        """Return a field, or one component of it, as floats (n,)."""
         values = np.asarray(self.fields[name], dtype=np.float64)
         return values if component is None else values[:, component]
 
     @property
-    def pressed_by_preload(self) -> Array:
-        """FCint (n,): of the parameters, else what is left of FN."""
+    def preload_force(self) -> Array:
+        """FCint (n,), N: of the parameters, else FN minus the other contributions."""
         if math.isfinite(self.preload):
             return np.full(len(self("normal_force")), self.preload)
         return self("normal_force") - self("radial_force") - self("bending_force")
@@ -36,17 +36,24 @@ class States:
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel.
+    """One curve of a panel.
 
-    ``style``: line, thin, dashed, or area, which is filled down to the curve before it.
+    Attributes
+    ----------
+        label: in the legend.
+        colour: a name in page.css.
+        values: (n,) values to draw, in the panel's unit.
+        style: line, thin, dashed, or area (filled down to the previous curve).
+        always: drawn even if it is zero throughout.
+        reading: (n,) values of the legend if they differ from the drawn ones (stacked areas).
     """
 
     label: str
-    colour: str  # a name in page.css
-    values: Callable[[States], Array]  # (n,), in the panel's unit
+    colour: str
+    values: Callable[[States], Array]
     style: str = "line"
-    always: bool = False  # shown although it is zero throughout
-    shows: Callable[[States], Array] | None = None  # what its label reads, where that is not drawn
+    always: bool = False
+    reading: Callable[[States], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -58,28 +65,28 @@ class Panel:
     unit: str
     curves: tuple[Curve, ...]
     log: bool = False
-    zero: bool = False  # zero is always in sight
+    zero: bool = False  # the axis includes zero
 
 
 def _field(name: str, component: int | None = None, factor: float = 1.0) -> Any:
     return lambda s: factor * s(name, component)
 
 
-def _size(name: str, factor: float = 1.0) -> Any:
+def _magnitude(name: str, factor: float = 1.0) -> Any:
     return lambda s: np.abs(factor * s(name))
 
 
-def _pressed(parts: int) -> Any:
-    """Sum of the first parts of the contact force: radial, bending, preload."""
+def _stacked(count: int) -> Any:
+    """Return the sum of the first ``count`` of radial force, bending force and preload."""
 
     def values(s: States) -> Array:
-        found = [s("radial_force"), s("bending_force"), s.pressed_by_preload][:parts]
-        return np.asarray(np.sum(found, axis=0))
+        parts = [s("radial_force"), s("bending_force"), s.preload_force][:count]
+        return np.asarray(np.sum(parts, axis=0))
 
     return values
 
 
-def _parts(kind: str, total: str) -> tuple[Curve, ...]:
+def _contributions(kind: str, total: str) -> tuple[Curve, ...]:
     names = ("friction", "reaction", "actuation", "elastic", "viscous")
     colours = ("orange", "red", "purple", "green", "sky")
     curves = [
@@ -113,19 +120,19 @@ PANELS = (
     Panel("rate", "Spin rate ω₁", "rad/s", (Curve("ω₁", "orange", _field("angular_velocity", 0)),)),
     Panel(
         "normal",
-        "Normal force: what presses",
+        "Normal force contributions",
         "N",
         (
-            Curve("radial Fr", "blue", _pressed(1), "area", shows=_field("radial_force")),
-            Curve("bending 2M/L", "sky", _pressed(2), "area", shows=_field("bending_force")),
-            Curve("preload", "purple", _pressed(3), "area", shows=lambda s: s.pressed_by_preload),
+            Curve("radial Fr", "blue", _stacked(1), "area", reading=_field("radial_force")),
+            Curve("bending 2M/L", "sky", _stacked(2), "area", reading=_field("bending_force")),
+            Curve("preload", "purple", _stacked(3), "area", reading=lambda s: s.preload_force),
             Curve("FN", "ink", _field("normal_force")),
         ),
         zero=True,
     ),
     Panel(
         "friction",
-        "Friction against its limit",
+        "Friction and friction limit",
         "N",
         (
             Curve("limit µ FN", "red", _field("friction_limit"), "area"),
@@ -139,8 +146,8 @@ PANELS = (
         "1",
         (Curve("µ", "green", _field("friction_coefficient")),),
     ),
-    Panel("f1", "Force along the slot f₁", "N", _parts("force", "force"), zero=True),
-    Panel("m1", "Moment about the slot m₁", "N m", _parts("moment", "moment"), zero=True),
+    Panel("f1", "Force along the slot f₁", "N", _contributions("force", "force"), zero=True),
+    Panel("m1", "Moment about the slot m₁", "N m", _contributions("moment", "moment"), zero=True),
     Panel(
         "across",
         "Force across the slot",
@@ -160,18 +167,18 @@ PANELS = (
         "Constraint violation",
         "mm, mrad",
         (
-            Curve("offset [mm]", "blue", _size("offset_violation", 1e3), "thin"),
-            Curve("misalignment [mrad]", "orange", _size("angular_violation", 1e3), "thin"),
+            Curve("offset [mm]", "blue", _magnitude("offset_violation", 1e3), "thin"),
+            Curve("misalignment [mrad]", "orange", _magnitude("angular_violation", 1e3), "thin"),
         ),
         log=True,
     ),
     Panel(
         "rates",
-        "Violation of the rates",
+        "Constraint violation, rates",
         "mm/s, mrad/s",
         (
-            Curve("offset [mm/s]", "blue", _size("velocity_violation", 1e3), "thin"),
-            Curve("misalignment [mrad/s]", "orange", _size("spin_violation", 1e3), "thin"),
+            Curve("offset [mm/s]", "blue", _magnitude("velocity_violation", 1e3), "thin"),
+            Curve("misalignment [mrad/s]", "orange", _magnitude("spin_violation", 1e3), "thin"),
         ),
         log=True,
     ),
@@ -180,48 +187,47 @@ PANELS = (
         "Energy through the connector",
         "J",
         (
-            Curve("exchanged", "green", _size("energy_exchanged")),
-            Curve("|passivity balance|", "purple", _size("passivity_balance"), "dashed"),
+            Curve("exchanged", "green", _magnitude("energy_exchanged")),
+            Curve("|passivity balance|", "purple", _magnitude("passivity_balance"), "dashed"),
         ),
         log=True,
     ),
     Panel(
         "residual",
-        "Residual of the step's equations",
+        "Residual of the step equations",
         "1",
-        (Curve("worst", "red", _size("residual"), "thin"),),
+        (Curve("max", "red", _magnitude("residual"), "thin"),),
         log=True,
     ),
     Panel(
         "computing",
         "Computing time",
         "µs",
-        (Curve("a sample", "sky", _size("computing_time", 1e6), "thin"),),
+        (Curve("per sample", "sky", _magnitude("computing_time", 1e6), "thin"),),
         log=True,
     ),
 )
 
 
-def chosen(
-    radius: float, tells: Callable[[Curve], bool], constant: bool
+def visible_panels(
+    radius: float, has_data: Callable[[Curve], bool], constant: bool
 ) -> tuple[list[Panel], list[str]]:
-    """Panels and curves that have something to show, and the titles of those that have not.
-
-    A curve that is zero throughout is left out, a panel with none left too.
+    """Return the panels with their non-zero curves, and the titles of the panels that are all zero.
 
     Args:
-        radius: of the states. tells: whether a curve is not zero throughout, nor without values.
-        constant: whether the coefficient of friction never changes.
+        radius: R of the states, m; NaN: friction is not modelled.
+        has_data: whether a curve has finite values and is not zero throughout.
+        constant: whether the friction coefficient is constant; its panel is then omitted.
     """
     panels, empty = [], []
     for panel in PANELS:
         if panel.key == ("rate" if math.isfinite(radius) else ""):
-            continue  # the spin is in the slip velocity
-        curves = tuple(curve for curve in panel.curves if tells(curve))
+            continue  # the slip velocity shows the spin
+        curves = tuple(curve for curve in panel.curves if has_data(curve))
         if panel.key == "coefficient" and constant:
-            continue  # said among the parameters
+            continue  # it is among the parameters
         if panel.key == "speed" and len(curves) == 1:
-            panel = replace(panel, title="Speed in the slot")
+            panel = replace(panel, title="Velocity along the slot")
         if [curve.label for curve in curves] == ["total"]:
             curves = ()
         if curves:

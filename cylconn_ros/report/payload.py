@@ -1,4 +1,4 @@
-"""The numbers in a page: arrays packed one behind the other, and a head that says where."""
+"""Data of a page: arrays packed into one compressed text, and a header with their places."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy.typing as npt
 
 from cylconn_ros.connector import enums
 from cylconn_ros.report import decimate
-from cylconn_ros.report.gather import Gathered, Geometry
-from cylconn_ros.report.panels import PANELS, Curve, Panel, States, chosen
+from cylconn_ros.report.gather import Geometry, RunData
+from cylconn_ros.report.panels import PANELS, Curve, Panel, States, visible_panels
 
 Array = npt.NDArray[Any]
 
 WHOLE = 40_000
-"""Up to so many samples each one is in the page."""
+"""Greatest number of samples for which the page contains every sample."""
 BUCKETS = 8_000
-"""Beyond that, so many buckets, with the smallest and the largest value of each."""
+"""Buckets of a longer run, with the smallest and the largest value of each."""
 PATH_BUCKETS = 2_500
-"""And so many of whole samples, up to nine of each, for the planes and the 3-D view."""
+"""Buckets of whole samples, up to nine from each, for trajectories and the 3-D view."""
 
 EVENTS = {
     "regime": enums.REGIMES,
@@ -31,19 +31,19 @@ EVENTS = {
     "status": enums.STATUS,
     "flags": enums.FLAGS,
 }
-"""Names of the bits of ConnectorState, lowest first; of regime and status, of the values."""
+"""Names of the bits of ConnectorState, lowest first; for regime and status, of their values."""
 
 
 class Packer:
-    """Arrays to bytes; what is put in is given back as its place."""
+    """Concatenates arrays to bytes, and returns the place of each."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def put(self, values: Array, kind: str = "f4") -> list[Any]:
-        """Append an array; returns [kind, offset in bytes, number of values]."""
-        with np.errstate(over="ignore"):  # beyond single precision: blank, as what is not finite
+    def pack(self, values: Array, kind: str = "f4") -> list[Any]:
+        """Append an array; return [kind, offset in bytes, number of values]."""
+        with np.errstate(over="ignore"):  # beyond single precision: inf, drawn blank
             data = np.ascontiguousarray(values).astype("<" + kind)
         raw = data.tobytes()
         raw += bytes(-len(raw) % 8)
@@ -53,46 +53,46 @@ class Packer:
         return place
 
     def text(self) -> str:
-        """Everything, compressed (zlib) and as base64."""
+        """Return all arrays, compressed (zlib), as base64."""
         return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
 
 
-def build(found: Gathered, buckets: int = BUCKETS) -> tuple[dict[str, Any], str]:
-    """Build the head and the packed numbers of a page, reading the states twice.
+def build_payload(found: RunData, buckets: int = BUCKETS) -> tuple[dict[str, Any], str]:
+    """Build the header and the packed data of a page; reads the states twice.
 
-    ``buckets`` is how many are made of a run of more than WHOLE samples. Adds to the notes where
-    values are not finite.
+    ``buckets``: their number for a run of more than WHOLE samples. Adds a note about fields with
+    values that are not finite.
     """
     packer = Packer()
     count = len(found.time)
     whole = count <= WHOLE
-    first = decimate.starts(count, count if whole else buckets)
+    first = decimate.bucket_starts(count, count if whole else buckets)
     last = np.append(first[1:], count) - 1
-    seen = _Seen(first, count)
-    for states in found.pieces(None):
-        seen.add(states)
-    if seen.blank:
-        fields = len(seen.blank)
-        found.notes.append(f"Fields with values that are not finite, left blank there: {fields}.")
-    panels, empty = chosen(found.radius, seen.tells, seen.constant)
+    reduced = _Reduction(first, count)
+    for states in found.read_states(None):
+        reduced.add(states)
+    if reduced.not_finite:
+        fields = len(reduced.not_finite)
+        found.notes.append(f"Fields with values that are not finite (drawn blank): {fields}.")
+    panels, empty = visible_panels(found.radius, reduced.has_data, reduced.constant)
     head = {
         "samples": count,
         "whole": whole,
         "bucket": -(-count // len(first)),
-        "time": packer.put(found.time[first], "f8"),
-        "until": packer.put(found.time[last], "f8"),
-        "gap": packer.put(decimate.union(found.gaps.astype(np.uint8), first), "u1"),
-        "panels": [_panel(packer, panel, seen, whole) for panel in panels],
+        "time": packer.pack(found.time[first], "f8"),
+        "until": packer.pack(found.time[last], "f8"),
+        "gap": packer.pack(decimate.bitwise_or(found.gaps.astype(np.uint8), first), "u1"),
+        "panels": [_panel(packer, panel, reduced, whole) for panel in panels],
         "empty": empty,
         "events": {
-            name: {"bits": packer.put(seen.events[name].bits, "u4"), "names": names}
+            name: {"bits": packer.pack(reduced.events[name].bits, "u4"), "names": names}
             for name, names in EVENTS.items()
         },
     }
     rows = first
     if not whole:
-        path = decimate.starts(count, PATH_BUCKETS)
-        rows = decimate.telling_rows(seen.plane, path, count)
+        path = decimate.bucket_starts(count, PATH_BUCKETS)
+        rows = decimate.extreme_rows(reduced.plane, path, count)
     geometry = found.geometry_at(rows)
     head["path"] = _path(packer, found, rows, geometry)
     head["geometry"] = _geometry(geometry)
@@ -100,39 +100,39 @@ def build(found: Gathered, buckets: int = BUCKETS) -> tuple[dict[str, Any], str]
     return head, packer.text()
 
 
-class _Seen:
-    """What is kept of all states, which come piece by piece.
+class _Reduction:
+    """Reduction of the states, which are added block by block.
 
     Attributes
     ----------
-        events: bits of what was on in each bucket: regimes, stops, locks, refusals and flags.
-        plane: (4, n) force, moment, slide and spin in the plane of the disc.
-        blank: fields with values that are not finite.
-        constant: whether the coefficient of friction never changes, but for refused samples.
+        curves: extremes per bucket, of the drawn values (False) and the readings (True).
+        events: bits per bucket: regimes, stops, locks, refusals and flags.
+        plane: (4, n) force, moment, slide and spin in the plane of the friction disc.
+        not_finite: fields with values that are not finite.
     """
 
     def __init__(self, first: Array, count: int) -> None:
-        self.curves: dict[tuple[Curve, bool], decimate.Extremes] = {}
+        self.curves: dict[tuple[Curve, bool], decimate.RunningExtremes] = {}
         for panel in PANELS:
             for curve in panel.curves:
-                self.curves[curve, False] = decimate.Extremes(first)
-                if curve.shows:
-                    self.curves[curve, True] = decimate.Extremes(first)
-        self.events = {name: decimate.Union(first) for name in EVENTS}
+                self.curves[curve, False] = decimate.RunningExtremes(first)
+                if curve.reading:
+                    self.curves[curve, True] = decimate.RunningExtremes(first)
+        self.events = {name: decimate.RunningBitwiseOr(first) for name in EVENTS}
         self.plane = np.empty((4, count))
-        self.blank: set[str] = set()
+        self.not_finite: set[str] = set()
         self._at = 0
         self._coefficient = (math.inf, -math.inf)
 
     def add(self, states: States) -> None:
-        """Take the next states."""
+        """Add the next states."""
         count = len(states("regime"))
-        for (curve, shown), extremes in self.curves.items():
-            extremes.add((curve.shows if shown and curve.shows else curve.values)(states))
+        for (curve, is_reading), extremes in self.curves.items():
+            extremes.add((curve.reading if is_reading and curve.reading else curve.values)(states))
         for name, bits in _bits(states).items():
             self.events[name].add(bits)
         self.plane[:, self._at : self._at + count] = plane(states)
-        self.blank |= {n for n, v in states.fields.items() if not np.isfinite(v).all()}
+        self.not_finite |= {n for n, v in states.fields.items() if not np.isfinite(v).all()}
         mu = states("friction_coefficient")[states("status") == 0.0]
         mu = mu[np.isfinite(mu)]
         if len(mu):
@@ -142,28 +142,29 @@ class _Seen:
 
     @property
     def constant(self) -> bool:
+        """Whether the friction coefficient is constant, except in refused samples."""
         low, high = self._coefficient
         return low > high or high - low <= 1e-9 * max(abs(low), abs(high))
 
-    def tells(self, curve: Curve) -> bool:
-        """Whether a curve has something to show."""
-        found = self.curves[curve, curve.shows is not None]
+    def has_data(self, curve: Curve) -> bool:
+        """Return whether a curve has finite values and is to be drawn."""
+        found = self.curves[curve, curve.reading is not None]
         finite = np.isfinite(found.low)
         zero = (found.low[finite] == 0.0) & (found.high[finite] == 0.0)
         return bool(finite.any()) and (curve.always or not zero.all())
 
 
-def _panel(packer: Packer, panel: Panel, seen: _Seen, whole: bool) -> dict[str, Any]:
-    def put(found: decimate.Extremes) -> list[Any]:
-        return [packer.put(found.low)] + ([] if whole else [packer.put(found.high)])
+def _panel(packer: Packer, panel: Panel, reduced: _Reduction, whole: bool) -> dict[str, Any]:
+    def pack(found: decimate.RunningExtremes) -> list[Any]:
+        return [packer.pack(found.low)] + ([] if whole else [packer.pack(found.high)])
 
     def curve(one: Curve) -> dict[str, Any]:
         return {
             "label": one.label,
             "colour": one.colour,
             "style": one.style,
-            "drawn": put(seen.curves[one, False]),
-            "shown": put(seen.curves[one, True]) if one.shows else None,
+            "drawn": pack(reduced.curves[one, False]),
+            "reading": pack(reduced.curves[one, True]) if one.reading else None,
         }
 
     return {
@@ -177,7 +178,7 @@ def _panel(packer: Packer, panel: Panel, seen: _Seen, whole: bool) -> dict[str, 
 
 
 def _bits(states: States) -> dict[str, Array]:
-    """Bits of what was on at each sample, in the order of EVENTS."""
+    """Return the bits of each sample for the groups of EVENTS."""
     count = len(states("regime"))
 
     def field(name: str) -> Array:
@@ -194,7 +195,7 @@ def _bits(states: States) -> dict[str, Array]:
 
 
 def plane(states: States) -> list[Array]:
-    """Force, moment over R, slide and spin times R: what the disc and the slip path show."""
+    """Return force, moment over R, slide, spin times R: friction disc and slip trajectory."""
     radius = states.radius if states.radius > 0.0 else 1.0
     return [
         states("force_friction"),
@@ -210,11 +211,11 @@ _PATH = (
 )  # fmt: skip
 
 
-def _path(packer: Packer, found: Gathered, rows: Array, geometry: Geometry) -> dict[str, Any]:
-    """Whole samples for the disc, the path of the slip and the 3-D view: those of ``rows``."""
+def _path(packer: Packer, found: RunData, rows: Array, geometry: Geometry) -> dict[str, Any]:
+    """Pack the samples ``rows`` for the friction disc, the slip trajectory and the 3-D view."""
     taken: list[dict[str, Array]] = []
     at = 0
-    for states in found.pieces(_PATH):
+    for states in found.read_states(_PATH):
         count = len(states("regime"))
         begin, end = np.searchsorted(rows, (at, at + count))
         which = rows[begin:end] - at
@@ -233,15 +234,15 @@ def _path(packer: Packer, found: Gathered, rows: Array, geometry: Geometry) -> d
         taken.append({name: values[which] for name, values in columns.items()})
     joined = {name: np.concatenate([part[name] for part in taken]) for name in taken[0]}
     kinds = {"regime": "u1"}
-    head = {name: packer.put(values, kinds.get(name, "f4")) for name, values in joined.items()}
-    head["time"] = packer.put(found.time[rows], "f8")
+    head = {name: packer.pack(values, kinds.get(name, "f4")) for name, values in joined.items()}
+    head["time"] = packer.pack(found.time[rows], "f8")
     for name, values in (
         ("origin", geometry.origin),
         ("axes", geometry.axes),
         ("centre", geometry.centre),
     ):
         if values is not None:
-            head[name] = packer.put(values)
+            head[name] = packer.pack(values)
     return head
 
 

@@ -1,4 +1,4 @@
-"""The picture of a run: motion, speeds, normal force, friction against its limit, violation."""
+"""Matplotlib picture of a run: motion, slip velocity, normal force, friction, violation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-# Okabe and Ito's palette: told apart with any colour vision, and in grey by lightness.
+# Okabe and Ito's palette: distinguishable with any colour vision, and in grey by lightness.
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 INK, SOFT, STICK_SHADE = "#222222", "#767676", "#EDEDED"
 STICK = 1  # ConnectorState.STICK
@@ -43,7 +43,7 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class ReferenceCurves:
-    """An independent solution to draw over the run; all arrays (m,)."""
+    """An independent solution to overlay on the run; all arrays (m,)."""
 
     time: Array  # s
     displacement: Array  # m, since the start
@@ -68,11 +68,11 @@ def draw_run(
     state
         Fields of ConnectorState by name, (n,) or (n, k), in the message's units.
     title, subtitle
-        What was run; how it was solved.
+        Heading, e.g. the name of the scene; second line, e.g. the method.
     reference
         An independent solution, drawn dashed.
     stop_time
-        When it came to rest for good, s; NaN if it did not.
+        Time from which the joint stays at rest, s; NaN if it does not.
 
     Raises
     ------
@@ -105,10 +105,10 @@ def draw_run(
 
 
 def save_run(figure: Figure, path: Path | str) -> None:
-    """Write the picture; the ending of ``path`` says as what (png, svg, pdf).
+    """Write the picture in the format of the suffix of ``path`` (png, svg, pdf).
 
-    A PNG is 1800 px wide, twice what a page shows, with a palette of 128 colours: a third of the
-    bytes and no visible difference.
+    A PNG is 1800 px wide, twice the width on a page, with a palette of 128 colours, which takes a
+    third of the bytes without a visible difference.
     """
     import matplotlib as mpl
     from PIL import Image
@@ -171,19 +171,19 @@ def _friction(axes: Axes, time: Array, state: Mapping[str, Array]) -> None:
 
 
 def _violation(axes: Axes, time: Array, state: Mapping[str, Array]) -> None:
-    floor = 1e-12  # shown instead of an exact zero
+    floor = 1e-12  # replaces zero on the logarithmic axis
     offset = np.maximum(np.abs(state["offset_violation"]) * 1e3, floor)
     angular = np.maximum(np.abs(state["angular_violation"]) * 1e3, floor)
     axes.semilogy(time, offset, color=BLUE, lw=0.9, label="offset  [mm]")
     axes.semilogy(time, angular, color=ORANGE, lw=0.9, label="misalignment  [mrad]")
     axes.set_ylabel("constraint\nviolation")
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** 0.35)  # room for the legend
+    axes.set_ylim(low, high * (high / low) ** 0.35)  # space for the legend
     axes.legend(loc="upper right", frameon=False, ncols=2)
 
 
 def _regimes(axes: list[Axes], time: Array, regime: Array, stop_time: float) -> None:
-    """Shade where it sticks through all panels, and name the longest stretches above them."""
+    """Shade stick in all panels, and label the longest intervals of a regime above them."""
     names = {0: "frictionless", STICK: "stick", 2: "slip"}
     changes = np.flatnonzero(np.diff(regime)) + 1
     starts, ends = np.r_[0, changes], np.r_[changes, len(regime)]
@@ -208,7 +208,7 @@ def _regimes(axes: list[Axes], time: Array, regime: Array, stop_time: float) -> 
 def _note(
     axes: Axes, text: str, x: float, up: float, coordinates: str = "data", ha: str = "center"
 ) -> None:
-    """Write above a panel, ``up`` points from its upper edge."""
+    """Write a label above a panel, ``up`` points from its upper edge."""
     note = axes.annotate(
         text,
         xy=(x, 1.0),

@@ -1,4 +1,4 @@
-"""A curve in one line of text: how a quantity went over a run, for a terminal."""
+"""Sparklines: a quantity over a run as one line of text, for a terminal."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from cylconn_ros.report import decimate
 Array = npt.NDArray[Any]
 
 BLOCKS = "▁▂▃▄▅▆▇█"
-PLAIN = "_.-=+*#@"  # where the terminal has no blocks
+PLAIN = "_.-=+*#@"  # for a terminal without block characters
 GAP = " "
 
 
 def sparkline(values: Array, width: int, log: bool = False, levels: str = BLOCKS) -> str:
-    """Draw ``values`` (n,) in at most ``width`` characters, from their smallest to their largest.
+    """Draw ``values`` (n,) in at most ``width`` characters, scaled to their range.
 
-    A character stands for a stretch of samples and shows the one that is farthest from the middle
-    of the range, so that a peak of one sample is seen; a space has no finite value. ``log``: by the
-    powers of ten of the magnitudes, zeros lowest.
+    A character represents a bucket of samples and shows the sample that is farthest from the middle
+    of the range, so that a peak of a single sample is visible. A space is a bucket without finite
+    values. ``log``: logarithm of the magnitudes, with zeros at the bottom.
     """
     values = np.asarray(values, dtype=np.float64)
     if not len(values):
@@ -33,9 +33,8 @@ def sparkline(values: Array, width: int, log: bool = False, levels: str = BLOCKS
         positive = values[np.isfinite(values)]
         least = float(positive.min()) if len(positive) else 0.0
         values = np.where(size == 0.0, least, values)
-    low, high = decimate.extremes(values, decimate.starts(len(values), width))
-    seen = low[np.isfinite(low)]
-    if not len(seen):
+    low, high = decimate.extremes(values, decimate.bucket_starts(len(values), width))
+    if not np.isfinite(low).any():
         return GAP * len(low)
     bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
     middle = 0.5 * (bottom + top)
@@ -49,12 +48,12 @@ def sparkline(values: Array, width: int, log: bool = False, levels: str = BLOCKS
     )
 
 
-def strip(states: Array, marks: str, width: int) -> str:
-    """Draw which state was on, a mark a stretch; ``states`` (n,) whole numbers, indices of marks.
+def regime_strip(states: Array, marks: str, width: int) -> str:
+    """Draw discrete states (n,), indices of ``marks``, as one mark per bucket of samples.
 
-    Where a stretch holds several, ``/``: none is passed over.
+    A bucket with several states is drawn as ``/``.
     """
     known = np.clip(np.asarray(states).astype(np.int64), 0, len(marks) - 1)
-    bits = decimate.union(1 << known, decimate.starts(len(known), width))
+    bits = decimate.bitwise_or(1 << known, decimate.bucket_starts(len(known), width))
     alone = {1 << index: mark for index, mark in enumerate(marks)}
     return "".join(alone.get(int(each), "/") for each in bits)

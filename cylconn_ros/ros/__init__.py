@@ -1,1 +1,1 @@
-"""The ROS rooms: conversions, nodes and diagnostics; the only place that knows ROS."""
+"""ROS 2 nodes: connector and plant, with executor, QoS, parameters and diagnostics."""

@@ -1,8 +1,9 @@
-"""The command line of a node: read before ROS does, so that an error names the parameter.
+"""Command line of a node, read before rclpy.init so that an error names the parameter.
 
-ROS stops at mixed lists and at a whole number where a float was meant, before our code runs and
-in words of its own. So parameter files and ``-p`` are taken from the arguments here, read, and
-given to the node as one mapping; everything else (remapping, log levels …) goes to ROS untouched.
+rclpy.init fails for mixed lists and for an integer in place of a float, with a message that does
+not name the parameter. Parameter files and ``-p`` are therefore removed from the arguments, read
+here and passed to the node as one mapping. All other arguments (remapping, log levels …) are passed
+to ROS unchanged.
 """
 
 from __future__ import annotations
@@ -11,30 +12,30 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from cylconn_ros.errors import SceneError
+from cylconn_ros.errors import CylconnError, SceneError
 from cylconn_ros.scene.parameter_file import OtherNodesError, load_parameters, parse
 
 
-class UsageError(ValueError):
-    """Arguments that are not understood."""
+class UsageError(CylconnError, ValueError):
+    """Invalid command-line arguments; the message names the argument."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
-    """What the command line says."""
+    """Parsed command line."""
 
-    name: str  # the node's, remapping considered
+    name: str  # of the node, after remapping
     namespace: str
-    parameters: dict[str, Any]  # dotted, by files and -p in the order given
+    parameters: dict[str, Any]  # dotted, from files and -p in the order given
     ros: list[str]  # for rclpy.init
     help: bool = False
     version: bool = False
-    unused: tuple[str, ...] = ()  # parameter files that have nothing for this node, in words
+    unused: tuple[str, ...] = ()  # a message for each file without parameters for this node
 
 
 @dataclasses.dataclass(frozen=True)
 class _Source:
-    """A parameter file, or one parameter given with -p."""
+    """A parameter file, or a parameter given with -p."""
 
     kind: str
     text: str
@@ -47,9 +48,9 @@ def read_arguments(arguments: Sequence[str], node: str) -> Arguments:
     """
     own, ros = _split(arguments)
     wants_help, wants_version = bool({"-h", "--help"} & set(own)), "--version" in own
-    foreign = [argument for argument in own if argument not in ("-h", "--help", "--version")]
-    if foreign:
-        raise UsageError(f"{foreign[0]}: not understood; ROS arguments come after --ros-args")
+    unknown = [argument for argument in own if argument not in ("-h", "--help", "--version")]
+    if unknown:
+        raise UsageError(f"{unknown[0]}: unknown argument; ROS arguments come after --ros-args")
     sources, remaps, rest = _take_parameters(ros)
     name, namespace = node, "/"
     for rule in remaps:
@@ -66,7 +67,7 @@ def read_arguments(arguments: Sequence[str], node: str) -> Arguments:
         if source.kind == "file":
             try:
                 parameters.update(load_parameters(source.text, name, namespace))
-            except OtherNodesError as error:  # as several nodes may share their files
+            except OtherNodesError as error:  # several nodes may share a file
                 unused.append(str(error))
         else:
             parameters.update(_read_parameter(source.text, name))
@@ -77,7 +78,7 @@ def read_arguments(arguments: Sequence[str], node: str) -> Arguments:
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Ours and those between --ros-args and --."""
+    """Split off the arguments between --ros-args and --."""
     own: list[str] = []
     ros: list[str] = []
     target = own
@@ -92,7 +93,7 @@ def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def _take_parameters(ros: Sequence[str]) -> tuple[list[_Source], list[str], list[str]]:
-    """Sources of parameters, rules of remapping, and everything but the parameters."""
+    """Sources of parameters, remapping rules, and all arguments except the parameters."""
     sources: list[_Source] = []
     remaps: list[str] = []
     rest: list[str] = []
@@ -118,7 +119,7 @@ def _take_parameters(ros: Sequence[str]) -> tuple[list[_Source], list[str], list
 
 
 def _read_parameter(rule: str, node: str) -> dict[str, Any]:
-    """The parameter of ``[node:]name:=value``; none where it is another node's."""
+    """The parameter of ``[node:]name:=value``; empty if it belongs to another node."""
     target, separator, text = rule.partition(":=")
     scope, _, name = target.rpartition(":")
     if not separator or not name:

@@ -1,4 +1,4 @@
-"""Message classes by the names of their types."""
+"""Import message classes by type name."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from typing import Any
 
 def message_class(name: str) -> Any:
     """Import the class of a type such as ``geometry_msgs/msg/PoseStamped``."""
-    package, room, kind = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{room}"), kind)
+    package, subfolder, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{subfolder}"), kind)

@@ -1,20 +1,20 @@
-"""What is asked of the middleware, where nobody else has asked for anything."""
+"""Default Fast DDS profile, used unless the user set one."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # where Fast DDS finds a file of profiles
-_IN_PLACE = "DEFAULT_FASTRTPS_PROFILES.xml"  # what it reads from the working directory besides
-OURS = Path(__file__).with_name("writers.xml")
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # path of a Fast DDS profile file
+_IN_DIRECTORY = "DEFAULT_FASTRTPS_PROFILES.xml"  # read by Fast DDS from the working directory
+DEFAULT_PROFILE = Path(__file__).with_name("writers.xml")
 
 
-def prefer_quiet_writers() -> None:
-    """Let Fast DDS read ``ros/writers.xml`` in this process, which says what for.
+def use_default_profile() -> None:
+    """Make Fast DDS read ``ros/writers.xml`` (its purpose is explained there) in this process.
 
-    Not where a profile is named already, or stands in the working directory. To be called before
-    the first context; other middlewares do not notice.
+    Does nothing if the user set a profile file or the working directory contains one. Call it
+    before the first context is created. Other middlewares ignore the setting.
     """
-    if not Path(_IN_PLACE).exists() and OURS.is_file():
-        os.environ.setdefault(PROFILE, str(OURS))
+    if not Path(_IN_DIRECTORY).exists() and DEFAULT_PROFILE.is_file():
+        os.environ.setdefault(PROFILE_VARIABLE, str(DEFAULT_PROFILE))

@@ -1,8 +1,7 @@
-"""The inputs of a recording onto live topics, in their own time, for machines without rosbag2.
+"""Publish the inputs of a recording at their recorded times, for machines without rosbag2.
 
-``python -m cylconn_ros.ros.player BAG`` publishes the very bytes that were recorded, on the topics
-they were recorded from, and nothing of what a connector had published itself. Remap with
-``--ros-args -r from:=to``.
+``python -m cylconn_ros.ros.player BAG`` publishes the recorded bytes unchanged, on the topics of
+the recording, and none of the connector's outputs. Remap with ``--ros-args -r from:=to``.
 """
 
 from __future__ import annotations
@@ -18,24 +17,27 @@ import rclpy
 from rclpy.node import Node
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages.pipeline import JOINT_STATE, ODOMETRY, POSE, TWIST, WRENCH
+from cylconn_ros.messages.pipeline import JOINT_STATE
 from cylconn_ros.process.interrupt import INTERRUPTED
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.ros import qos
 from cylconn_ros.ros.message_types import message_class
-from cylconn_ros.ros.middleware import prefer_quiet_writers
+from cylconn_ros.ros.middleware import use_default_profile
+from cylconn_ros.scene.inputs import INPUTS
 
-PLAYED = {POSE: ("/pose",), TWIST: ("/twist",), ODOMETRY: (), WRENCH: ("/load",),
-          JOINT_STATE: ("/command",)}  # fmt: skip
-"""Types that a connector reads, and how the names of their topics end."""
+PLAYED = {
+    **{kind.type: () if kind.carries_whole_motion else (f"/{kind.topic}",) for kind in INPUTS},
+    JOINT_STATE: ("/command",),
+}
+"""Message types that a connector subscribes to, and the endings of their topics."""
 
 
 def is_input(topic: str, kind: str) -> bool:
-    """Whether a recorded topic carries what a connector reads."""
+    """Return True if a recorded topic is an input of a connector."""
     return kind in PLAYED and topic.endswith(PLAYED[kind] or ("",))
 
 
-_LATE = 0.005  # s
+_LATE = 0.005  # s, delay above which the schedule is shifted
 
 
 class Player:
@@ -45,14 +47,17 @@ class Player:
         self._node, self._bag = node, bag
         topics = {topic: kind for topic, kind in bag.types.items() if is_input(topic, kind)}
         if not topics:
-            raise RecordingError(f"{bag.path}: holds no inputs of a connector")
+            raise RecordingError(f"{bag.path}: contains no inputs of a connector")
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_class(kind), topic, qos.samples())
             for topic, kind in topics.items()
         }
 
     def wait(self, patience: float) -> bool:
-        """Wait until somebody listens to poses, twists or odometry; False where nobody does."""
+        """Wait up to ``patience`` s for subscriptions to all poses, twists and odometry.
+
+        Returns False if one has no subscription.
+        """
         wanted = [
             publisher
             for topic, publisher in self._publishers.items()
@@ -66,7 +71,10 @@ class Player:
         return False
 
     def play(self, rate: float) -> int:
-        """Publish at ``rate`` times the recorded speed; 0: at once. How many were sent."""
+        """Publish at ``rate`` times the recorded speed; 0: without waiting.
+
+        Returns the number of messages.
+        """
         sent, began, first = 0, time.monotonic(), None
         for topic, log_time, data in self._bag.messages():
             publisher = self._publishers.get(topic)
@@ -77,30 +85,32 @@ class Player:
                 due = began + (log_time - first) * 1e-9 / rate
                 early = due - time.monotonic()
                 time.sleep(max(early, 0.0))
-                if early < -_LATE:  # what is late is not made up for: a burst overflows queues
+                if (
+                    early < -_LATE
+                ):  # shift the schedule: a burst of late messages would overflow queues
                     began -= early
             publisher.publish(data)
             sent += 1
         return sent
 
     def finish(self) -> None:
-        """Wait until what was sent has arrived."""
+        """Wait until the messages are acknowledged."""
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=5.0))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Play a recording; 0 if all of it went out to somebody."""
+    """Play a recording; return 0 if all messages were published to a subscriber."""
     given = list(sys.argv if arguments is None else ["play", *arguments])
     options = _parser().parse_args(rclpy.utilities.remove_ros_args(given)[1:])
-    prefer_quiet_writers()
+    use_default_profile()
     rclpy.init(args=given)
     node = rclpy.create_node("player")
     try:
         bag = Bag(options.bag)
         player = Player(node, bag)
         if not player.wait(options.patience):
-            print(f"nobody listens to the inputs of {bag.path} (topics: {', '.join(bag.types)})")
+            print(f"no subscriptions to the inputs of {bag.path} (topics: {', '.join(bag.types)})")
             return 1
         count = player.play(options.rate)
         player.finish()
@@ -121,9 +131,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="play", description=__doc__)
     parser.add_argument("bag", metavar="BAG", type=Path, help="recorded directory or file")
-    parser.add_argument("--rate", type=float, default=1.0, help="of the recorded speed; 0: at once")
     parser.add_argument(
-        "--patience", metavar="S", type=float, default=30.0, help="to wait for somebody to listen"
+        "--rate", type=float, default=1.0, help="multiple of the recorded speed; 0: without waiting"
+    )
+    parser.add_argument(
+        "--patience", metavar="S", type=float, default=30.0, help="time to wait for subscriptions"
     )
     return parser
 

@@ -1,4 +1,4 @@
-"""Quality of service of every topic, and the telling when a peer offers less."""
+"""Quality of service of the topics, and warnings about peers with incompatible QoS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEPTH = 50
 
 
 def samples() -> QoSProfile:
-    """Reliable, keep last 50, volatile: nothing is lost at several thousand samples a second."""
+    """Reliable, keep last 50, volatile: no loss at several thousand samples per second."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE
     )
@@ -29,11 +29,13 @@ def overriding() -> QoSOverridingOptions:
     return QoSOverridingOptions.with_default_policies()
 
 
-def reading(report: Callable[[str], None]) -> dict[str, Any]:
-    """Event callbacks of a subscription: incompatible publishers.
+def subscription_events(report: Callable[[str], None]) -> dict[str, Any]:
+    """Event callbacks of a subscription: a publisher's QoS or type is incompatible.
 
-    Not that of lost messages: rmw_fastrtps locks up for good (Jazzy) where one is lost while the
-    status is taken, which a flood does within seconds. Losses are seen by their gaps (ros/executor/sequence_numbers.py).
+    ``report`` gets the name of the policy. The message_lost event is not used: rmw_fastrtps (Jazzy)
+    deadlocks if a message is lost while the status is taken, which a flood of messages causes
+    within seconds. Lost messages are counted by their sequence numbers
+    (ros/executor/sequence_numbers.py).
     """
     return {
         "event_callbacks": SubscriptionEventCallbacks(
@@ -43,14 +45,26 @@ def reading(report: Callable[[str], None]) -> dict[str, Any]:
     }
 
 
-def writing(report: Callable[[str], None]) -> dict[str, Any]:
-    """Event callbacks of a publisher: subscribers that ask for more than is offered."""
+def publisher_events(report: Callable[[str], None]) -> dict[str, Any]:
+    """Event callbacks of a publisher: a subscription requests more than is offered."""
     return {
         "event_callbacks": PublisherEventCallbacks(
             incompatible_qos=lambda event: report(_policy(event)),
             incompatible_type=lambda _: report("message type"),
         )
     }
+
+
+def incompatible(topic: str, policy: str, is_input: bool) -> str:
+    """Warning about a peer of ``topic`` whose ``policy`` is incompatible, with the remedy."""
+    if not is_input:
+        remedy = f"request no more than RELIABLE, VOLATILE, keep last {DEPTH}"
+    elif policy == "reliability":
+        override = f"qos_overrides.{topic}.subscription.reliability"
+        remedy = f"publish RELIABLE, or set {override} to best_effort"
+    else:
+        remedy = f"publish RELIABLE, VOLATILE, keep last {DEPTH}"
+    return f"{topic}: a peer's QoS is incompatible ({policy}); {remedy}"
 
 
 def _policy(event: Any) -> str:

@@ -1,4 +1,4 @@
-"""A process with one node: arguments, signals, spinning, exit code."""
+"""Run one node in a process: arguments, signals, spinning, exit code."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from cylconn_ros.core.jit import is_ready
 from cylconn_ros.errors import SceneError
 from cylconn_ros.process.interrupt import interruptible
 from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
-from cylconn_ros.ros.middleware import prefer_quiet_writers
+from cylconn_ros.ros.middleware import use_default_profile
 
 OK, FAILED, WRONG_USE = 0, 1, 2
-_LETTING_GO = 30.0  # s for what takes some ms
+_TEARDOWN = 30.0  # s, limit of the middleware's shutdown, which normally takes milliseconds
 
 
-class Served(Protocol):
-    """What a node must have besides being one."""
+class ManagedNode(Protocol):
+    """Interface of a node that :func:`run` can run, besides that of rclpy.node.Node."""
 
-    done: Future  # its result is the exit code; a signal completes it with 0
+    done: Future  # its result is the exit code; a signal sets it to 0
 
-    def caught(self, error: Exception) -> bool:
-        """Take note of what a callback raised; whether to go on."""
+    def handle_error(self, error: Exception) -> bool:
+        """Handle an exception of a callback; return True to continue spinning."""
 
     def finish(self) -> None:
-        """Send and write what is to be last; node and context are still valid."""
+        """Send and write the last data; node and context are still valid."""
 
 
 def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str] | None) -> int:
-    """Run the node that ``make`` gives until it is done or a signal comes; return the exit code.
+    """Run the node returned by ``make`` until it is done or a signal arrives; return the exit code.
 
-    Exit code 2, with one plain line, where arguments or parameters cannot be used; 130 where it was
-    interrupted while compiling.
+    Exit code 2, with a one-line message, for invalid arguments or parameters; 130 if interrupted
+    while compiling.
     """
     try:
         with interruptible(name, (signal.SIGINT, signal.SIGTERM)):
@@ -69,68 +69,68 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
 def _run(make: Callable[[Arguments], Node], arguments: Arguments) -> int:
     try:
         with _context(arguments):
-            return _serve(make(arguments))
-    except SceneError as error:  # perhaps because its parameters stand in another node's block
+            return _spin_until_done(make(arguments))
+    except SceneError as error:  # perhaps the parameters are in another node's block
         raise SceneError("; ".join([str(error), *arguments.unused])) from None
 
 
 def announce_compiling(entry: Callable[..., Any], say: Callable[[str], object]) -> None:
-    """Say so, in one line, where the first call of an entry of the physics will compile it."""
+    """Announce, in one line, that the first call of kernel ``entry`` will compile it."""
     if not is_ready(entry):
-        say("compiling the physics, once: half a minute or more; later starts do without")
+        say("compiling the physics, once: takes half a minute or more; later starts use the cache")
 
 
 @contextlib.contextmanager
 def _context(arguments: Arguments) -> Iterator[None]:
-    """A ROS context that outlives the first signal, so that last messages can be sent."""
-    prefer_quiet_writers()
+    """A ROS context that stays valid after a signal, so that last messages can be sent."""
+    use_default_profile()
     try:
         rclpy.init(args=arguments.ros, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # what rclpy makes of arguments that rcl refuses
+    except RuntimeError as error:  # raised by rclpy for arguments that rcl refuses
         raise UsageError(" ".join(str(error).split())) from None
     try:
         yield
     finally:
-        with _not_for_ever():
+        with _limited_teardown():
             rclpy.try_shutdown()
 
 
 @contextlib.contextmanager
-def _not_for_ever() -> Iterator[None]:
-    """Leave the process where the middleware does not let go within the block.
+def _limited_teardown() -> Iterator[None]:
+    """Exit the process if the middleware's shutdown hangs within the block.
 
-    With exit code 1, and what every thread does on stderr. Fast DDS may lock up where peers leave
-    while a topic is given back (its issues 6193 and 6502). No thread of Python's could see to this,
-    as the one that hangs may hold the interpreter.
+    The exit code is 1; the stack of every thread is written to stderr. Fast DDS may deadlock if
+    peers leave while a topic is destroyed (its issues 6193 and 6502). A Python thread could not
+    detect this, because the hanging thread may hold the GIL.
     """
     with contextlib.suppress(AttributeError, OSError, RuntimeError, ValueError):  # no stderr
-        faulthandler.dump_traceback_later(_LETTING_GO, exit=True)
+        faulthandler.dump_traceback_later(_TEARDOWN, exit=True)
     try:
         yield
     finally:
         faulthandler.cancel_dump_traceback_later()
 
 
-def _spin(executor: Any, node: Served) -> None:
+def _spin(executor: Any, node: ManagedNode) -> None:
     """Spin until the node is done, or a callback raises."""
     try:
         executor.spin_until_future_complete(node.done, timeout_sec=1e5)
     except ExternalShutdownException:
         raise
     except Exception as error:
-        if not node.caught(error):
+        if not node.handle_error(error):
             traceback.print_exc()
             node.done.set_result(FAILED)
-        time.sleep(0.001)  # a callback that always fails shall not take the machine
+        time.sleep(0.001)  # limits the load of a callback that always fails
 
 
-def _ending() -> list[signal.Signals]:
-    """Signals that end a node in order; a closed terminal's too, unless it is ignored (nohup)."""
+def _termination_signals() -> list[signal.Signals]:
+    """Signals that shut a node down in order; SIGHUP included, unless it is ignored (nohup)."""
     hung_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
     return [signal.SIGINT, signal.SIGTERM, *hung_up]
 
 
-def _serve(node: Node) -> int:
+def _spin_until_done(node: Node) -> int:
     executor = EventsExecutor()
     executor.add_node(node)
     done = node.done
@@ -139,20 +139,20 @@ def _serve(node: Node) -> int:
         if not done.done():
             done.set_result(OK)
 
-    previous = {s: signal.signal(s, stop) for s in _ending()}
+    previous = {s: signal.signal(s, stop) for s in _termination_signals()}
     gc.collect()
-    gc.freeze()  # what exists by now stays: no use in looking through it again and again
+    gc.freeze()  # existing objects are permanent: later collections skip them
     try:
         while not done.done():
             _spin(executor, node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        for s in previous:  # Ctrl-C may come twice: to the group, and from the launcher
+        for s in previous:  # Ctrl-C may arrive twice: to the process group, and from the launcher
             signal.signal(s, signal.SIG_IGN)
         executor.remove_node(node)
         node.finish()
-        with _not_for_ever():
+        with _limited_teardown():
             node.destroy_node()
             executor.shutdown()
         for s, handler in previous.items():

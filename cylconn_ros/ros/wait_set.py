@@ -1,4 +1,4 @@
-"""A wait set that is kept: for who asks nodes and waits for answers; nodes hear bells instead."""
+"""Persistent wait set for benchmark clients; the nodes use ros/executor/new_message_event.py."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rclpy.context import Context
 
 
 class WaitSet:
-    """Subscriptions to be waited for again and again."""
+    """Wait repeatedly for the same subscriptions."""
 
     def __init__(self, handles: Sequence[Any], context: Context) -> None:
         from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -18,12 +18,12 @@ class WaitSet:
         self._set = rclpy_implementation.WaitSet(len(handles), 0, 0, 0, 0, 0, context.handle)
 
     def wait(self, timeout: int) -> bool:
-        """Wait up to ``timeout`` ns; whether anything has come."""
+        """Wait up to ``timeout`` ns; return True if a message has arrived."""
         self.wait_only(timeout)
         return bool(self._set.get_ready_entities("subscription"))
 
     def wait_only(self, timeout: int) -> None:
-        """Wait up to ``timeout`` ns, for who looks himself what has come."""
+        """Wait up to ``timeout`` ns without checking which subscriptions are ready."""
         waiting = self._set
         waiting.clear_entities()
         for handle in self._handles:

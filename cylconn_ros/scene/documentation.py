@@ -1,6 +1,6 @@
-"""Documentation of the parameters, derived from the scene: a table and an example with them all.
+"""Documentation of the parameters, derived from the schema: a table and an example file.
 
-``python -m cylconn_ros.scene.documentation table > docs/parameters.md``
+``python -m cylconn_ros.scene.documentation table > docs/reference/parameters.md``
 ``python -m cylconn_ros.scene.documentation example > config/connector.yaml``
 """
 
@@ -16,25 +16,30 @@ from cylconn_ros.scene.schema import Parameter, show
 _TABLE_HEAD = """\
 # Parameters
 
-One YAML file serves `connector`, `plant` and `cylconn simulate`; `config/connector.yaml` is an
-example with every parameter. `connectors: [name, …]` makes several of them, each with the
-parameters below in a block of its name ([connectors.md](connectors.md)). Whole numbers are accepted
-where numbers are asked for. *Fixed* parameters are read when a node starts; the others can be
-changed while it runs (`ros2 param set`): a change is taken as a whole or refused with a reason, and
-not during a recording, which holds one set of parameters. A change of bodies, nodes, reference,
-period or method begins a new history: the next sample is the reference configuration. This file is
-made from `cylconn_ros/connector/scene.py` and `scene_parts.py`.
+One YAML file serves `connector`, `plant` and `cylconn simulate`. `config/connector.yaml` is an
+example with every parameter. `connectors: [name, …]` makes several connectors, each with the
+parameters below in a block of its name ([Several connectors](../how_to/connectors.md)).
+Integers are accepted for floats.
+
+A *fixed* parameter is read when a node starts. The others can be changed while the node runs
+(`ros2 param set`): a change is applied as a whole or refused with a reason. During a recording
+changes are refused, as the recording holds one set of parameters. A change of a parameter marked
+*restarts* starts a new history: the next sample is the reference configuration. A parameter marked
+*node* stands outside the blocks of connectors. *Shared* parameters must agree between connectors
+that share a body.
+
+This page is generated from `cylconn_ros/scene/fields.py` and the groups beside it.
 """
 _EXAMPLE_HEAD = """\
-# Every parameter with its default; where one must be given, an example. docs/parameters.md is the
-# same as a table. Leave out what may stay as it is.
+# Every parameter with its default, or an example if it has none; docs/reference/parameters.md is
+# the same as a table. Omit a parameter to keep its default.
 /**:
   ros__parameters:
 """
 
 
 def table() -> str:
-    """Write docs/parameters.md."""
+    """Write docs/reference/parameters.md."""
     lines = [_TABLE_HEAD]
     group = None
     for parameter in schema().values():
@@ -45,7 +50,7 @@ def table() -> str:
             lines.append("| parameter | type | unit | default | accepted | meaning |")
             lines.append("|---|---|---|---|---|---|")
         cells = (
-            f"`{parameter.name}`" + (" *fixed*" if parameter.read_only else ""),
+            f"`{parameter.name}`{_marks(parameter)}",
             _kind(parameter),
             parameter.unit or "–",
             _default(parameter),
@@ -82,12 +87,22 @@ def _comment(parameter: Parameter) -> str:
     return f"{unit}{parameter.doc.rstrip('.')}{rule}"
 
 
+def _marks(parameter: Parameter) -> str:
+    marks = {
+        "fixed": parameter.read_only,
+        "restarts": parameter.restarts,
+        "node": parameter.node,
+        "shared": bool(parameter.shared),
+    }
+    return "".join(f" *{mark}*" for mark, applies in marks.items() if applies)
+
+
 def _indent(groups: list[str]) -> str:
     return "  " * (2 + len(groups))
 
 
 def _value(parameter: Parameter) -> Any:
-    """The default, or the example where a scene needs a value."""
+    """The default, or the example if a scene needs a value."""
     needed = parameter.required or parameter.name in ("body_b.mass", "body_b.inertia")
     return parameter.example if needed else parameter.default
 
@@ -98,9 +113,8 @@ def _yaml(value: Any) -> str:
 
 def _kind(parameter: Parameter) -> str:
     if parameter.kind == "vector":
-        return "numbers" if parameter.size is None else f"{parameter.size} numbers"
-    words = {"bool": "truth value", "int": "whole number", "float": "number", "str": "text"}
-    return words[parameter.kind]
+        return "floats" if parameter.size is None else f"{parameter.size} floats"
+    return {"str": "string"}.get(parameter.kind, parameter.kind)
 
 
 def _default(parameter: Parameter) -> str:
@@ -110,7 +124,7 @@ def _default(parameter: Parameter) -> str:
 
 
 def main() -> int:
-    """Print what the first argument asks for."""
+    """Print the table or the example, as the first argument says."""
     pieces = {"table": table, "example": example}
     if len(sys.argv) != 2 or sys.argv[1] not in pieces:
         print(f"usage: {' | '.join(pieces)}", file=sys.stderr)

@@ -1,8 +1,9 @@
-"""Several connectors in one set of parameters: a block for each, and what stands outside for all.
+"""Several connectors in one set of parameters: one block each, and common parameters outside.
 
-``connectors: [front, rear]`` names them. ``front.friction.radius`` is front's own; what stands
-outside of the blocks holds for every connector whose block does not say otherwise. What is the
-node's (:data:`OF_THE_NODE`) stands outside only. Without ``connectors`` there is one, unnamed.
+``connectors: [front, rear]`` names them. ``front.friction.radius`` belongs to front. A parameter
+outside these blocks applies to all connectors whose block does not set it. Parameters of the node
+(``node=True`` in the schema) stand outside the blocks only. Without ``connectors`` there is one
+connector without a name.
 """
 
 from __future__ import annotations
@@ -12,24 +13,25 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from cylconn_ros.errors import SceneError
+from cylconn_ros.scene.fields import schema
 from cylconn_ros.scene.schema import flatten, show
 
 CONNECTORS = "connectors"
-OF_THE_NODE = ("autostart", "record")
 ONE = ""  # the name of the only connector
 
 _TOKEN = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*")  # part of a ROS topic's name
 
 
 def is_of_the_node(name: str) -> bool:
-    """Whether a parameter is the node's, so that all connectors have the same."""
-    return name.split(".")[0] in OF_THE_NODE
+    """Whether a parameter, or all parameters of a group, belong to the node."""
+    flags = [rules.node for key, rules in schema().items() if f"{key}.".startswith(f"{name}.")]
+    return bool(flags) and all(flags)
 
 
 def names(value: object, taken: Collection[str]) -> tuple[str, ...]:
-    """The names in ``connectors``; raises SceneError unless each can be one, and is one only once.
+    """The names in ``connectors``. Raises SceneError unless all are valid and differ.
 
-    ``taken``: dotted names of parameters, whose first parts are no names of connectors.
+    ``taken``: dotted names of parameters; their first parts are not valid connector names.
     """
     rule = f"{CONNECTORS} = {show(value)}: must be a list of names"
     if isinstance(value, str) or not isinstance(value, Sequence) or not value:
@@ -50,12 +52,12 @@ def names(value: object, taken: Collection[str]) -> tuple[str, ...]:
 
 
 def split(parameters: Mapping[str, Any], known: Collection[str]) -> dict[str, dict[str, Any]]:
-    """Dotted parameters for each connector, by its name; ``known``: a scene's parameters.
+    """Dotted parameters of each connector by its name; ``known``: names of a scene's parameters.
 
-    Body frames that are not given are named after the connector, ``front/body_a``, so that no two
-    connectors have a body in common unless somebody says so.
+    A body frame that is not given is named after the connector, ``front/body_a``, so that two
+    connectors share a body only if the parameters say so.
 
-    Raises SceneError for names that cannot be, and for what stands in the wrong place.
+    Raises SceneError for invalid names and for parameters in the wrong block.
     """
     flat = flatten(parameters)
     given = flat.pop(CONNECTORS, None)
@@ -72,10 +74,12 @@ def split(parameters: Mapping[str, Any], known: Collection[str]) -> dict[str, di
             for one in found.values():
                 one[key] = value
         elif not rest:
-            raise SceneError(f"{key} = {show(value)}: must hold the parameters of this connector")
+            raise SceneError(
+                f"{key} = {show(value)}: must be a block with the parameters of this connector"
+            )
         elif is_of_the_node(rest):
             raise SceneError(
-                f"{key} = {show(value)}: is the node's, give {rest} outside of {first}"
+                f"{key} = {show(value)}: belongs to the node: give {rest} outside the block {first}"
             )
         else:
             blocks[first][rest] = value

@@ -5,27 +5,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core import model
+from cylconn_ros.core import friction, model
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Body, Friction, Node, Scene
 
 Array = NDArray[np.float64]
 
-COARSE = 1e-3  # a tolerance that impulse keeps up to some hundredths of a radian a sample
 SHARE = 0.01  # of the tolerance, for the steps of minimal: on all scenes measured 0.05 is enough
 LEAST = 1e-13  # tolerance of a step; below it is rounding
 
 
 def choose_method(scene: Scene) -> str:
-    """The method that ``auto`` stands for: impulse where every inertia is known, else penalty.
-
-    Minimal, where an accuracy is asked that impulse does not reach at usual periods.
-    """
+    """The method that ``auto`` stands for: impulse if both inertias are known, else penalty."""
     if scene.method != "auto":
         return scene.method
     if "unknown" in (scene.body_a.kind, scene.body_b.kind):
         return "penalty"
-    return "minimal" if 0.0 < scene.tolerance < COARSE else "impulse"
+    return "impulse"
 
 
 def step_tolerance(tolerance: float) -> float:
@@ -40,7 +37,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
 
     Raises :class:`SceneError` for what the chosen method needs and the scene does not give.
     """
-    table = _table(scene.friction)
+    law, table = _friction(scene.friction)
     par = np.zeros(model.TABLE + len(table))
     par[model.GRAVITY : model.GRAVITY + 3] = scene.gravity
     par[model.BODY_A : model.BODY_A + 18] = _body(scene.body_a, plant)
@@ -60,7 +57,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         ref.angle,
     )
     par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
-    par[model.FRICTION : model.FRICTION + 12] = _friction(scene.friction)
+    par[model.FRICTION : model.FRICTION + friction.SIZE] = friction.pack(law)
     elasticity, damping = scene.elasticity, scene.damping
     par[model.ELASTICITY : model.ELASTICITY + 4] = (
         elasticity.k1,
@@ -69,7 +66,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         damping.cr1,
     )
     method = choose_method(scene)
-    if method in ("penalty", "augmented_lagrangian") and not plant:
+    if TRAITS[method].uses_gains and not plant:
         par[model.PENALTY : model.PENALTY + 6] = _penalty(scene, method)
     par[model.AUGMENTED] = scene.penalty.multiplier_gain
     feedback = scene.baumgarte
@@ -130,64 +127,33 @@ def _stops(scene: Scene) -> list[float]:
     return [low[0], high[0], low[1], high[1], stops.restitution]
 
 
-def _friction(friction: Friction) -> list[float]:
-    static = friction.static_coefficient
-    least, greatest = friction.coefficient, friction.coefficient if math.isnan(static) else static
-    rate_slope, force_slope = _slopes(friction)
-    table = friction.table
-    if table is not None:
-        least, greatest = min(table.values), max(table.values)
-    return [
-        float(friction.on),
-        least,
-        greatest,
-        friction.decay,
-        friction.max_force,
-        0.0 if math.isnan(friction.radius) else friction.radius,
-        2.0 / friction.overlap if friction.overlap > 0.0 else 0.0,
-        friction.preload,
-        rate_slope,
-        force_slope,
-        0.0 if table is None else float(len(table.rates)),
-        0.0 if table is None else float(len(table.forces)),
-    ]
-
-
-def _grid(friction: Friction) -> Array:
-    """The table's values, (rates, forces)."""
-    table = friction.table
-    assert table is not None
-    return np.array(table.values).reshape(len(table.rates), len(table.forces))
-
-
-def _slopes(friction: Friction) -> tuple[float, float]:
-    """Greatest slopes of mu over slip rate (s/m) and contact force (1/N)."""
-    table = friction.table
-    if table is None:
-        static = friction.static_coefficient
-        rise = 0.0 if math.isnan(static) else static - friction.coefficient
-        return friction.decay * abs(rise), 0.0
-    grid = _grid(friction)
-    over_rate = np.abs(np.diff(grid, axis=0)) / np.diff(table.rates)[:, None]
-    over_force = np.abs(np.diff(grid, axis=1)) / np.diff(table.forces)[None, :]
-    return float(over_rate.max(initial=0.0)), float(over_force.max(initial=0.0))
-
-
-def _table(friction: Friction) -> list[float]:
-    table = friction.table
-    return [] if table is None else [*table.rates, *table.forces, *table.values]
+def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
+    """The friction law, and the numbers of its table."""
+    table = given.table
+    law = friction.make_law(
+        on=given.on,
+        coefficient=given.coefficient,
+        static_coefficient=given.static_coefficient,
+        decay=given.decay,
+        cap=given.max_force,
+        radius=given.radius,
+        overlap=given.overlap,
+        preload=given.preload,
+        table=None if table is None else friction.Table(table.rates, table.forces, table.values),
+    )
+    return law, [] if table is None else [*table.rates, *table.forces, *table.values]
 
 
 def _penalty(scene: Scene, method: str) -> list[float]:
     """Gains: stiffness and damping of offsets and swings, of the elastic stick."""
-    gains, friction = scene.penalty, scene.friction
+    gains, given = scene.penalty, scene.friction
     for name in ("stiffness", "damping"):
         if math.isnan(getattr(gains, name)):
             raise SceneError(
                 f"penalty.{name} = .nan: must be given for the method {method}; a sampled spring "
                 "is stable up to about m/h^2 and its damper to m/h, with the lighter body's mass m"
             )
-    arm = max(0.5 * friction.overlap, 0.0 if math.isnan(friction.radius) else friction.radius)
+    arm = max(0.5 * given.overlap, 0.0 if math.isnan(given.radius) else given.radius)
     swing = gains.rotational_stiffness
     if math.isnan(swing):
         swing = gains.stiffness * arm * arm
@@ -203,9 +169,9 @@ def _penalty(scene: Scene, method: str) -> list[float]:
     if math.isnan(stick):
         stick = gains.stiffness
         allowed = gains.elastic_slip
-        if not math.isnan(allowed) and friction.preload != 0.0:
-            greatest = max(friction.coefficient, np.nan_to_num(friction.static_coefficient))
-            stick = greatest * abs(friction.preload) / allowed or stick
+        if not math.isnan(allowed) and given.preload != 0.0:
+            greatest = max(given.coefficient, np.nan_to_num(given.static_coefficient))
+            stick = greatest * abs(given.preload) / allowed or stick
     stick_damping = gains.damping * stick / gains.stiffness
     # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the
     # spring's goes with the square, to keep the ratio of damping.

@@ -1,4 +1,4 @@
-"""Scene files: ROS 2 parameter files in YAML, read so that an error names the parameter."""
+"""ROS 2 parameter files in YAML: read and written, with errors that name the parameter."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene import multiple
+from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import flatten
 
-if TYPE_CHECKING:
-    from cylconn_ros.scene.scene import Scene
-
-# Belong to ROS itself, not to a scene; any node accepts them.
+# Parameters of ROS itself, which every node accepts.
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
 class OtherNodesError(SceneError):
-    """A parameter file whose blocks are all for other nodes."""
+    """A parameter file all of whose blocks are for other nodes."""
 
 
 def load_parameters(path: str | Path, node: str, namespace: str = "/") -> dict[str, Any]:
     """Dotted parameters for a node from a file: blocks with wildcards first, then its own.
 
-    Raises :class:`SceneError`; :class:`OtherNodesError` where all blocks name other nodes.
+    Raises :class:`SceneError`; :class:`OtherNodesError` if all blocks name other nodes.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -63,13 +61,13 @@ def scene_part(parameters: Mapping[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in parameters.items() if k.split(".")[0] not in ROS_PARAMETERS}
 
 
-def dump(scene: Scene) -> str:
+def dump(scene: SceneFields) -> str:
     """Write a parameter file with every parameter of the scene; loading it gives the same scene."""
     return dump_several({multiple.ONE: scene})
 
 
-def dump_several(scenes: Mapping[str, Scene]) -> str:
-    """Write a parameter file for connectors by name, from which the same scenes come."""
+def dump_several(scenes: Mapping[str, SceneFields]) -> str:
+    """Write a parameter file for connectors by name; loading it gives the same scenes."""
     parameters: dict[str, Any] = {}
     if multiple.ONE not in scenes:
         parameters[multiple.CONNECTORS] = list(scenes)
@@ -92,7 +90,7 @@ def parameters_of(text: str) -> dict[str, Any]:
 
 
 def parse(text: str) -> Any:
-    """YAML as ROS 2 reads it: 1e-3 is a number; a name given twice is refused.
+    """Parse YAML as ROS 2 does: 1e-3 is a number; a name given twice is refused.
 
     Raises :class:`SceneError`.
     """
@@ -105,12 +103,12 @@ def parse(text: str) -> Any:
 
 
 def _blocks(tree: Mapping[Any, Any], prefix: str) -> Sequence[tuple[str, Mapping[str, Any]]]:
-    """(pattern of the node's full name, its parameters) of every ros__parameters in a file."""
+    """(pattern of the node's full name, parameters) of each ros__parameters block in a file."""
     found: list[tuple[str, Mapping[str, Any]]] = []
     for key, value in tree.items():
         name = f"{prefix}/{str(key).strip('/')}"
         if key == "ros__parameters":
-            raise SceneError("ros__parameters: must stand below a node's name or /**")
+            raise SceneError("ros__parameters: must be below a node's name or /**")
         if not isinstance(value, Mapping):
             raise SceneError(
                 f"{name} = {value!r}: must hold ros__parameters with the parameters in it"
@@ -135,7 +133,7 @@ def _matches(pattern: str, full_name: str) -> bool:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader with numbers as YAML 1.2 and ROS 2 have them, and no name twice."""
+    """PyYAML's safe loader with the numbers of YAML 1.2 and ROS 2; no name twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         names: set[Any] = set()

@@ -1,4 +1,4 @@
-"""Where packages keep their data: the scenes that come along, definitions of messages."""
+"""Package resources: the bundled example scenes, and the share directories of ROS packages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cylconn_ros.errors import SceneError
 
 
 def share_directories() -> list[Path]:
-    """``share`` directories of every prefix ROS packages may live in, nearest first, each once.
+    """``share`` directories of every prefix that may hold ROS packages, nearest first, each once.
 
-    Sourced workspaces announce themselves in AMENT_PREFIX_PATH; ROS installed from wheels does not
-    set it, so the prefixes of the interpreter and of its site-packages count as well.
+    Sourced workspaces set AMENT_PREFIX_PATH. ROS installed from wheels does not, so the prefixes of
+    the interpreter and of its site-packages are searched as well.
     """
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     prefixes.append(Path(sys.prefix))
@@ -25,7 +25,7 @@ def share_directories() -> list[Path]:
 
 
 def shipped_scenes() -> dict[str, Path]:
-    """Scenes that come with the package, by name: of the checkout, else of the installation."""
+    """Files of the bundled scenes by name: of the checkout, else of the installation."""
     checkout = Path(cylconn_ros.__file__).resolve().parents[1]
     places = [checkout / "config"] if (checkout / "package.xml").is_file() else []
     places += [share / "cylconn_ros" / "config" for share in share_directories()]
@@ -37,13 +37,15 @@ def shipped_scenes() -> dict[str, Path]:
 
 
 def shipped(name: str) -> Path:
-    """File of a scene that comes with the package (docs/scenes.md), wherever that is installed.
+    """The file of a bundled scene.
 
-    Raises SceneError naming the scenes there are.
+    Raises SceneError that lists the bundled scenes.
+
+    Example::
+
+        scene = cr.load(cr.shipped("demo"))
     """
     scenes = shipped_scenes()
     if name not in scenes:
-        raise SceneError(
-            f"{name}: no scene of this package; there are {', '.join(scenes) or 'none'}"
-        )
+        raise SceneError(f"{name}: no bundled scene; there are {', '.join(scenes) or 'none'}")
     return scenes[name]

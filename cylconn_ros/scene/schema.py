@@ -1,9 +1,9 @@
-"""Parameters described once: type, unit, default, bounds, choices, words.
+"""Parameter schema: type, unit, default, bounds, choices, description and scope, stated once.
 
-A dataclass field made with :func:`parameter` carries everything there is to say about one
-parameter; :func:`group` nests another such dataclass. :func:`describe` turns the tree into a flat
-table of :class:`Parameter`, from which the YAML check, the ROS declaration and the documentation
-are derived.
+A dataclass field made with :func:`parameter` carries all properties of one parameter;
+:func:`group` nests another such dataclass. :func:`describe` turns the tree into a flat table of
+:class:`Parameter`. The YAML check, the ROS parameter declaration, the documentation, the rules for
+several connectors and the rule for a restart of the history are derived from that table.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ _SEQUENCES = (Sequence, array.array, np.ndarray)
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """One parameter: its dotted name and all that is known about its value."""
+    """One parameter: dotted name, accepted values, and where a change of it takes effect."""
 
     name: str
     kind: str  # bool, int, float, str or vector (of floats)
-    default: Any  # None where the parameter is required
+    default: Any  # None if the parameter is required
     doc: str
     unit: str = ""
     required: bool = False
     optional: bool = False  # NaN, or an empty vector, means: not set
-    infinite: bool = False  # infinity is a value like any other
+    infinite: bool = False  # infinity is accepted
     ge: float | None = None
     gt: float | None = None
     le: float | None = None
@@ -47,14 +47,18 @@ class Parameter:
     pose: bool = False  # a vector whose last four numbers are a quaternion x y z w
     read_only: bool = False
     example: Any = None
+    node: bool = False  # one value for the node: not allowed in the block of one connector
+    restarts: bool = False  # a change starts a new history (new reference configuration)
+    shared: str = ""  # must agree between: "body", connectors with that body; "coupled", connectors
+    # that are solved together because they share a body
 
     @property
     def rule(self) -> str:
-        """What values are accepted, in words."""
+        """The accepted values as text."""
         if self.kind == "bool":
             return "true or false"
         if self.kind == "str":
-            return "one of " + ", ".join(self.choices) if self.choices else "a non-empty text"
+            return "one of " + ", ".join(self.choices) if self.choices else "a non-empty string"
         unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
         signs = ((">=", self.ge), (">", self.gt), ("<=", self.le), ("<", self.lt))
         bounds = " and ".join(
@@ -68,7 +72,7 @@ class Parameter:
                 )
             words += f", each {bounds}" if bounds else ""
         else:
-            words = "a whole number" if self.kind == "int" else "a number"
+            words = "an integer" if self.kind == "int" else "a number"
             words += f" {bounds}" if bounds else ""
         if not self.infinite:
             words += "" if self.kind == "int" else ", finite"
@@ -142,9 +146,7 @@ class Parameter:
         length = math.hypot(*quaternion)
         if not 1e-9 < length < 1e9:
             raise self.refuse(vector, f"an orientation of length {length:g} has no direction")
-        if (
-            abs(length - 1.0) < 1e-14
-        ):  # already done: keep every bit, so that saving and loading does
+        if abs(length - 1.0) < 1e-14:  # keep every bit, so that a saved scene loads bit for bit
             return vector
         return vector[:-4] + tuple(component / length for component in quaternion)
 
@@ -152,8 +154,7 @@ class Parameter:
 def parameter(default: Any = _REQUIRED, *, doc: str, **rules: Any) -> Any:
     """Make a dataclass field that is one parameter.
 
-    ``rules`` are the attributes of :class:`Parameter`.
-    Without ``default`` the parameter is required.
+    ``rules`` are attributes of :class:`Parameter`. A parameter without ``default`` is required.
     """
     required = default is _REQUIRED
     if isinstance(default, float) and math.isnan(default):
@@ -171,8 +172,9 @@ def group(
 ) -> Any:
     """Make a dataclass field holding the parameters of ``cls`` one level down.
 
-    absent: the group may be ``None``, and is when none of its parameters is given.
-    change: per parameter, the rules (``default`` among them) that differ in this place.
+    Args:
+        absent: the group may be ``None``, and is ``None`` if none of its parameters is given.
+        change: per parameter, the rules (including ``default``) that differ in this group.
     """
     metadata = {"group": cls, "absent": absent, "change": dict(change or {})}
     if absent:
@@ -212,14 +214,14 @@ def describe(
 
 
 def groups(cls: type) -> Iterator[tuple[str, type, bool]]:
-    """Name, class and whether it may be absent, of each group directly in ``cls``."""
+    """Name, class and ``absent`` flag of each group directly in ``cls``."""
     for field in dataclasses.fields(cls):
         if "group" in field.metadata:
             yield field.name, field.metadata["group"], field.metadata["absent"]
 
 
 def flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested mappings to one with dotted names; a name given twice is refused."""
+    """Nested mappings as one mapping with dotted names. A name given twice raises SceneError."""
     flat: dict[str, Any] = {}
     for key, value in mapping.items():
         name = prefix + str(key)
@@ -233,7 +235,7 @@ def flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def show(value: object) -> str:
-    """Write a value the way a user would in YAML."""
+    """The value as a user writes it in YAML."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if value is None:
@@ -248,7 +250,7 @@ def show(value: object) -> str:
 
 
 def _number(value: object) -> float | None:
-    """Make a float from any real number but a truth value."""
+    """A float from any real number except bool, or None."""
     if isinstance(value, bool) or not hasattr(value, "__float__") or isinstance(value, str):
         return None
     try:

@@ -1,34 +1,29 @@
-"""Which connectors have bodies in common, and whether they can.
+"""Bodies that connectors share, and the rules for them.
 
-A body is one and the same where its ``frame`` is. What connectors say of it must then agree; those
-that share one that moves are solved together (connector/group.py).
+Connectors whose bodies have the same ``frame`` share that body. Their parameters of the body must
+agree. Connectors that share a moving body are coupled: they are solved together
+(connector/group.py), and the parameters marked ``shared="coupled"`` in the schema must agree.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import AUTO, TRAITS
+from cylconn_ros.scene.fields import SceneFields, schema
 from cylconn_ros.scene.schema import Value, show
 
-if TYPE_CHECKING:
-    from cylconn_ros.scene.scene import Scene
-
 BODIES = ("body_a", "body_b")
-Place = tuple[str, int]  # a connector and its body: 0 A, 1 B
+BodyOf = tuple[str, int]  # a connector's name and its body: 0 A, 1 B
 
-_ALIKE = (  # of connectors that are solved together
-    "input", "period", "latency", "plant_integration", "world_frame", "twist_axes", "gravity",
-    "stamp_tolerance", "wrench.axes", "wrench.point", "wrench.hold", "plant.lock_step",
-)  # fmt: skip
 _TOPIC = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)*", re.ASCII)
 
 
-def shared(scenes: Mapping[str, Scene]) -> dict[str, list[Place]]:
-    """Frame of every body that moves and that several connectors have; who has it."""
-    found: dict[str, list[Place]] = {}
+def shared(scenes: Mapping[str, SceneFields]) -> dict[str, list[BodyOf]]:
+    """Moving bodies with several connectors: the connectors (name, body) by the body's frame."""
+    found: dict[str, list[BodyOf]] = {}
     for name, scene in scenes.items():
         for k, body in enumerate(scene.bodies):
             if body.kind != "fixed":
@@ -36,8 +31,8 @@ def shared(scenes: Mapping[str, Scene]) -> dict[str, list[Place]]:
     return {frame: places for frame, places in found.items() if len(places) > 1}
 
 
-def groups(scenes: Mapping[str, Scene]) -> list[list[str]]:
-    """Connectors that belong together, in their order: each of them in one list."""
+def groups(scenes: Mapping[str, SceneFields]) -> list[list[str]]:
+    """Names of coupled connectors, one list per group, in the order of ``scenes``."""
     group = {name: [name] for name in scenes}
     for places in shared(scenes).values():
         together = [one for name, _ in places for one in group[name]]
@@ -51,9 +46,9 @@ def groups(scenes: Mapping[str, Scene]) -> list[list[str]]:
     return found
 
 
-def check(scenes: Mapping[str, Scene]) -> None:
-    """Raise SceneError, naming both, where connectors disagree about a body that they share."""
-    first: dict[str, Place] = {}
+def check(scenes: Mapping[str, SceneFields]) -> None:
+    """Raise SceneError, naming both, if two connectors disagree about a body that they share."""
+    first: dict[str, BodyOf] = {}
     values = {name: scene.parameters() for name, scene in scenes.items()}
     for name, scene in scenes.items():
         for k, body in enumerate(scene.bodies):
@@ -72,15 +67,16 @@ def check(scenes: Mapping[str, Scene]) -> None:
             _solvable(scenes, values, names)
 
 
-def _agree(values: Mapping[str, Mapping[str, Value]], one: Place, other: Place, frame: str) -> None:
-    for parameter in ("kind", "pose", "mass", "com", "inertia"):
-        _same(values, one, other, f"{{}}.{parameter}", f"both are the body {frame}")
-    for parameter in ("pose", "twist", "load"):
-        _same(values, one, other, f"plant.{{}}.{parameter}", f"both are the body {frame}")
+def _agree(
+    values: Mapping[str, Mapping[str, Value]], one: BodyOf, other: BodyOf, frame: str
+) -> None:
+    for name, rules in schema().items():
+        if rules.shared == "body" and "body_a" in name:
+            _same(values, one, other, name.replace("body_a", "{}"), f"both are the body {frame}")
 
 
 def _same(
-    values: Mapping[str, Mapping[str, Value]], one: Place, other: Place, pattern: str, why: str
+    values: Mapping[str, Mapping[str, Value]], one: BodyOf, other: BodyOf, pattern: str, why: str
 ) -> None:
     names = [pattern.format(BODIES[k]) for _, k in (one, other)]
     texts = [show(values[c][name]) for (c, _), name in zip((one, other), names, strict=True)]
@@ -92,9 +88,9 @@ def _same(
 
 
 def _solvable(
-    scenes: Mapping[str, Scene], values: Mapping[str, Mapping[str, Value]], names: list[str]
+    scenes: Mapping[str, SceneFields], values: Mapping[str, Mapping[str, Value]], names: list[str]
 ) -> None:
-    """What is needed for connectors to be solved together."""
+    """Raise SceneError if connectors that share a body cannot be solved together."""
     why = "they share a body and are solved together"
     for name in names:
         scene = scenes[name]
@@ -104,7 +100,8 @@ def _solvable(
                     f"{name}.{BODIES[k]}.kind = 'unknown': must be known, as {name} shares a body "
                     "and is solved together with others"
                 )
-        if scene.method not in ("auto", "impulse") or scene.tolerance > 0.0:
+        traits = AUTO if scene.method == "auto" else TRAITS[scene.method]
+        if not traits.couples or scene.tolerance > 0.0:
             raise SceneError(
                 f"{name}.method = {show(scene.method)}, {name}.tolerance = "
                 f"{show(scene.tolerance)}: must be impulse and 0.0, as {', '.join(names)} share "
@@ -112,5 +109,6 @@ def _solvable(
             )
         if scene.latency != 0:
             raise SceneError(f"{name}.latency = {scene.latency}: must be 0, as {why}")
-        for parameter in _ALIKE:
-            _same(values, (names[0], 0), (name, 0), parameter, why)
+        for parameter, rules in schema().items():
+            if rules.shared == "coupled":
+                _same(values, (names[0], 0), (name, 0), parameter, why)

@@ -1,30 +1,28 @@
-"""Rules between the parameters of a scene: what each value by itself cannot show to be wrong."""
+"""Rules between the parameters of a scene; the schema checks each value by itself."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import AUTO, TRAITS, MethodTraits
+from cylconn_ros.scene.behaviour import Friction
+from cylconn_ros.scene.bodies import Body
+from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import show
 
-if TYPE_CHECKING:
-    from cylconn_ros.scene.scene import Body, Friction, Scene
-
-
-# Bounds on slide and spin, and the method that has none.
+# Parameters of limits and imposed motion, which not every method models.
 BOUNDS = ("stops.", "lock.", "command.slide.position", "command.slide.velocity",
           "command.spin.position", "command.spin.velocity")  # fmt: skip
-WITHOUT_BOUNDS = "baumgarte"
 
 
-def check(scene: Scene) -> None:
-    """Raise :class:`SceneError` where parameters contradict each other or physics."""
+def check(scene: SceneFields) -> None:
+    """Raise :class:`SceneError` if parameters contradict each other or physics."""
     _check_bodies(scene)
     _check_method(scene)
     _check_friction(scene.friction)
@@ -37,73 +35,79 @@ def check(scene: Scene) -> None:
     if scene.period > 0.0 and scene.stamp_tolerance >= 0.5 * scene.period:
         raise SceneError(
             f"stamp_tolerance = {show(scene.stamp_tolerance)}: must be less than half the period "
-            f"({show(scene.period)} s), or two samples could not be told apart"
+            f"({show(scene.period)} s), or two samples could not be distinguished"
         )
 
 
-def _check_served(scene: Scene) -> None:
+def _traits(scene: SceneFields) -> MethodTraits:
+    return AUTO if scene.method == "auto" else TRAITS[scene.method]
+
+
+def _check_served(scene: SceneFields) -> None:
     rules = scene.schema()
     for name, value in scene.parameters().items():
         if name == "latency":
             _check_latency(scene)
-        bound = scene.method == WITHOUT_BOUNDS and name.startswith(BOUNDS)
-        if bound and show(value) != show(rules[name].default):
+        ignored = name.startswith(BOUNDS) and not _traits(scene).has_limits
+        if ignored and show(value) != show(rules[name].default):
             raise SceneError(
                 f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
-                "motion; leave it out, or use impulse"
+                "motion; remove it, or use impulse"
             )
 
 
-def _check_observe(scene: Scene) -> None:
-    if scene.method != "observe":
+def _check_observe(scene: SceneFields) -> None:
+    if _traits(scene).sends_wrench:
         return
     if "free" not in (scene.body_a.kind, scene.body_b.kind):
         raise SceneError(
-            "method = 'observe': needs mass and inertia of a body (kind free), which its forces "
-            "are made of"
+            f"method = {show(scene.method)}: needs mass and inertia of a body (kind free) to "
+            "compute forces from its motion"
         )
     if scene.latency != 0:
-        raise SceneError(f"latency = {scene.latency}: must be 0 for observe, which sends no wrench")
+        raise SceneError(
+            f"latency = {scene.latency}: must be 0 for {scene.method}, which sends no wrench"
+        )
 
 
-def _check_tolerance(scene: Scene) -> None:
+def _check_tolerance(scene: SceneFields) -> None:
     if scene.tolerance == 0.0:
         return
     for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
         if body.kind == "unknown":
             raise SceneError(
-                f"tolerance = {show(scene.tolerance)}: no accuracy can be promised while the "
-                f"inertia of {name} is unknown; leave it out, or give mass and inertia"
+                f"tolerance = {show(scene.tolerance)}: no accuracy can be stated while the "
+                f"inertia of {name} is unknown; remove it, or give mass and inertia"
             )
-    if scene.method not in ("auto", "minimal"):
+    if scene.method != "auto" and _traits(scene).live:
         raise SceneError(
             f"tolerance = {show(scene.tolerance)}: goes with the methods auto and minimal; the "
             f"accuracy of {scene.method} follows from the period"
         )
 
 
-def _check_latency(scene: Scene) -> None:
-    if scene.latency > layout.MOST_LATE:
+def _check_latency(scene: SceneFields) -> None:
+    if scene.latency > layout.MAX_LATENCY:
         raise SceneError(
-            f"latency = {scene.latency}: must be at most {layout.MOST_LATE} samples; "
-            "a longer delay wants a longer period"
+            f"latency = {scene.latency}: must be at most {layout.MAX_LATENCY} samples; "
+            "a longer delay needs a longer period"
         )
     unknown = [body.frame for body in scene.bodies if body.kind == "unknown"]
     if scene.latency < 0 and unknown:
         raise SceneError(
-            f"latency = -1: cannot be measured with a body of unknown inertia ({unknown[0]}); "
+            f"latency = -1: cannot be estimated with a body of unknown inertia ({unknown[0]}); "
             "give the number of samples, or mass and inertia"
         )
 
 
-def _check_bodies(scene: Scene) -> None:
+def _check_bodies(scene: SceneFields) -> None:
     a, b = scene.bodies
     if a.kind == b.kind == "fixed":
         raise SceneError("body_b.kind = 'fixed': body_a is fixed too; at least one body must move")
     if not {a.kind, b.kind} & {"free", "unknown"}:
         raise SceneError(
             f"body_b.kind = {show(b.kind)}: body_a is {a.kind}; "
-            "at least one body must be free or unknown, or no force can do anything"
+            "at least one body must be free or unknown, so that a force can move it"
         )
     names = (scene.world_frame, a.frame, b.frame)
     if len(set(names)) < len(names):
@@ -131,8 +135,8 @@ def _check_mass(name: str, body: Body) -> None:
             )
         if 2.0 * largest > sum(moments) * (1.0 + 1e-9):
             raise SceneError(
-                f"{name}.inertia = {show(body.inertia)}: no body has it, as none of the principal "
-                f"moments may exceed the sum of the other two ({why})"
+                f"{name}.inertia = {show(body.inertia)}: no rigid body has it: no principal moment "
+                f"may exceed the sum of the other two ({why})"
             )
 
 
@@ -143,8 +147,8 @@ def principal_moments(inertia: Sequence[float]) -> list[float]:
     return [float(moment) for moment in np.linalg.eigvalsh(tensor)]
 
 
-def _check_method(scene: Scene) -> None:
-    if scene.method in ("impulse", "minimal", "baumgarte"):
+def _check_method(scene: SceneFields) -> None:
+    if _traits(scene).needs_inertia:
         for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
             if body.kind == "unknown":
                 raise SceneError(
@@ -171,8 +175,8 @@ def _check_friction(friction: Friction) -> None:
             )
         if friction.coefficient > 0.0 or not math.isnan(static):
             raise SceneError(
-                f"friction.coefficient = {show(friction.coefficient)}: must be left out, with "
-                "friction.static_coefficient, where friction.table gives the coefficient"
+                f"friction.coefficient = {show(friction.coefficient)}: must not be given, nor "
+                "friction.static_coefficient, together with friction.table"
             )
     if not math.isnan(static):
         if static < friction.coefficient:
@@ -182,8 +186,8 @@ def _check_friction(friction: Friction) -> None:
             )
         if static > friction.coefficient and friction.decay == 0.0:
             raise SceneError(
-                "friction.decay = 0.0: must be > 0 s/m where friction.static_coefficient differs "
-                "from friction.coefficient, or the kinetic one is never reached"
+                "friction.decay = 0.0: must be > 0 s/m if friction.static_coefficient differs "
+                "from friction.coefficient; otherwise the kinetic coefficient is never reached"
             )
     if friction.on and math.isnan(friction.radius):
         raise SceneError(
@@ -192,14 +196,14 @@ def _check_friction(friction: Friction) -> None:
         )
 
 
-def _check_stops(scene: Scene) -> None:
+def _check_stops(scene: SceneFields) -> None:
     stops = scene.stops
     bounds = (
         ("l", stops.l_min, stops.l_max, "m"),
         ("theta", stops.theta_min, stops.theta_max, "rad"),
     )
     for name, low, high, unit in bounds:
-        if low >= high:  # False where either is not set
+        if low >= high:  # False if either is not set
             raise SceneError(
                 f"stops.{name}_max = {show(high)}: must be > stops.{name}_min ({show(low)} {unit})"
             )
@@ -207,7 +211,7 @@ def _check_stops(scene: Scene) -> None:
     for name, at, (end, low, high, unit) in zip(
         ("length", "angle"), (scene.reference.length, scene.reference.angle), bounds, strict=True
     ):
-        if at < low or at > high:  # False where any is not set
+        if at < low or at > high:  # False if any is not set
             ends = [" none" if math.isnan(x) else f" {show(x)}" for x in (low, high)]
             raise SceneError(
                 f"reference.{name} = {show(at)}: must be within stops.{end}_min and "
@@ -215,7 +219,7 @@ def _check_stops(scene: Scene) -> None:
             )
 
 
-def _check_command(scene: Scene) -> None:
+def _check_command(scene: SceneFields) -> None:
     for name, imposed in (("slide", scene.command.slide), ("spin", scene.command.spin)):
         moves = not (math.isnan(imposed.position) and math.isnan(imposed.velocity))
         if moves and not math.isnan(imposed.force):
@@ -225,13 +229,12 @@ def _check_command(scene: Scene) -> None:
             )
 
 
-def _check_lock(scene: Scene) -> None:
+def _check_lock(scene: SceneFields) -> None:
     lock = scene.lock
     given = not (math.isnan(lock.position) and math.isnan(lock.force))
     if lock.component == "none" and given:
         raise SceneError(
-            "lock.component = 'none': must be slide or spin "
-            "where lock.position or lock.force is given"
+            "lock.component = 'none': must be slide or spin if lock.position or lock.force is given"
         )
     if lock.component != "none" and not given:
         raise SceneError(

@@ -1,4 +1,4 @@
-"""The closed loop of a group in process: bodies that move under the wrenches of several."""
+"""The closed loop of coupled connectors in process."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _STATES = (slice(0, 13), slice(13, 26))  # pose and twist of A, of B
 
 
 class Bodies:
-    """The bodies of several connectors, each once: what :class:`Plant` is for one.
+    """The bodies of several connectors, each once: the plant of a group.
 
     Attributes
     ----------
-        frames: of all bodies that move.
-        states: (26,) for each connector, poses and twists of its bodies as in a sample.
+        frames: of all moving bodies.
+        states: (26,) per connector, poses and twists of its bodies as in a sample.
     """
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
@@ -87,13 +87,13 @@ def _energy(plant: Plant, k: int) -> float:
 
 @dataclass(frozen=True)
 class GroupRun:
-    """What a simulation of a group gives: N connectors, n samples."""
+    """The result of a simulation of coupled connectors: N connectors, n samples."""
 
     time: Array  # (n,) s
     samples: Array  # (n, N, NSAMPLE)
     outs: Array  # (n, N, NOUT)
     energy: Array  # (n,) J
-    turns: NDArray[np.int64]  # (n,) of the solution of each sample
+    iterations: NDArray[np.int64]  # (n,) of the solver for each sample
     group: Group
     bodies: Bodies
 
@@ -104,13 +104,13 @@ def simulate_group(scenes: Sequence[Scene], steps: int) -> GroupRun:
     n = len(scenes)
     time, energy = np.empty(steps), np.empty(steps)
     samples, outs = np.zeros((steps, n, layout.NSAMPLE)), np.empty((steps, n, layout.NOUT))
-    turns = np.zeros(steps, dtype=np.int64)
+    iterations = np.zeros(steps, dtype=np.int64)
     for k in range(steps):
         time[k], energy[k] = bodies.time_ns * 1e-9, bodies.energy()
         for c in range(n):
             samples[k, c, layout.MOTION] = bodies.states[c]
             samples[k, c, layout.LOADS] = bodies.loads[c]
         group.step(samples[k], outs=outs[k])
-        turns[k] = group.turns
+        iterations[k] = group.iterations
         bodies.step([(out[0:6], out[6:12]) for out in outs[k]])
-    return GroupRun(time, samples, outs, energy, turns, group, bodies)
+    return GroupRun(time, samples, outs, energy, iterations, group, bodies)

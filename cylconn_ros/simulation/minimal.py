@@ -19,8 +19,8 @@ from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.minimal import coordinates as place
 from cylconn_ros.methods.minimal import dense_output as report
 from cylconn_ros.methods.minimal.derivatives import INTEGRALS
-from cylconn_ros.methods.minimal.events import LOG
-from cylconn_ros.methods.minimal.initial import OFFLINE, tolerance_of
+from cylconn_ros.methods.minimal.events import LOG_WIDTH
+from cylconn_ros.methods.minimal.initial import tolerance_of
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
@@ -165,9 +165,9 @@ def solve(
     if not (ascending and wanted[-1] < math.inf):
         raise ValueError(f"times = {show(wanted.tolist())}: must be finite, ascending and >= 0")
     par, joint, y = initial(scene)
-    rtol = tolerance_of(par, OFFLINE) if rtol is None else rtol
+    rtol = tolerance_of(par) if rtol is None else rtol
 
-    log = np.zeros((MOST_EVENTS, LOG))
+    log = np.zeros((MOST_EVENTS, LOG_WIDTH))
     rows = np.zeros((len(wanted), report.WIDTH))
     ran = report.trajectory(
         par, joint, y, wanted, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps
@@ -193,7 +193,7 @@ def initial(scene: Scene) -> tuple[Array, Array, Array]:
     sample[layout.LOADS] = [*scene.plant.body_a.load, *scene.plant.body_b.load]
     free = scene.body_a.kind == scene.body_b.kind == "free"
     joint, y = np.zeros(place.NJOINT), np.zeros((17 if free else 4) + INTEGRALS)
-    report.begin(par, sample, joint, y)
+    report.initial_coordinates(par, sample, joint, y)
     return par, joint, y
 
 

@@ -1,4 +1,4 @@
-"""The plant: two rigid bodies under gravity and the wrenches they are sent."""
+"""The plant: two rigid bodies under gravity, loads and held wrenches."""
 
 import math
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import plant
 from cylconn_ros.errors import SceneError
-from cylconn_ros.scene.groups import PlantBody
+from cylconn_ros.scene.bodies import PlantBody
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 
@@ -15,35 +15,35 @@ Array = NDArray[np.float64]
 
 
 class Plant:
-    """Two rigid bodies, or one and ground; the stand-in for a simulator.
+    """Two rigid bodies, or one and ground, in place of a simulator.
 
-    A wrench is converted once, at the pose it was sent for, to force and torque about the mass
+    A wrench is converted once, at the pose of its sample, to force and torque about the mass
     centre, and held over the period in world axes, or in body axes where ``wrench.hold`` is
     ``body``. Translation is then exact, rotation fourth order (:mod:`cylconn_ros.core.rigid_body`);
-    with ``plant_integration: semi_implicit`` the bodies move as in a simulator that updates
-    velocities first and positions with them.
+    with ``plant_integration: semi_implicit`` velocities are updated first, and positions with the
+    new velocities.
 
     Attributes
     ----------
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
+        par: parameter array (core/model.py).
         loads: (12,) external loads on A and B as in a sample, held until changed.
         time_ns: simulated time.
 
-    Raises :class:`SceneError` where the scene has no period, or a body that only its owner can
-    move.
+    Raises :class:`SceneError` if the scene has no period, or a body without mass and inertia.
     """
 
     def __init__(self, scene: Scene) -> None:
         if scene.period <= 0.0:
-            raise SceneError("period = 0.0: must be > 0 s for a plant, which makes the stamps")
+            raise SceneError("period = 0.0: must be > 0 s for a plant, which creates the stamps")
         for name, body in (("body_a", scene.body_a), ("body_b", scene.body_b)):
             if body.kind == "unknown" and (math.isnan(body.mass) or not body.inertia):
                 raise SceneError(
                     f"{name}.mass, {name}.inertia: must be given for a plant, "
-                    "which moves the body, also where the connector does not know them"
+                    "which moves the body, also if the connector does not know them"
                 )
         self.scene = scene
-        self._par = pack(scene, plant=True)
+        self.par = pack(scene, plant=True)
         self._period_ns = round(scene.period * 1e9)
         self._steps = 0
         self.loads = np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
@@ -61,21 +61,21 @@ class Plant:
 
     def step(self, wrench_a: Array, wrench_b: Array) -> None:
         """Advance one period under wrenches as published: (6,) force, torque each."""
-        plant.step(self._par, self.state, wrench_a, wrench_b, self.loads, self.scene.period)
+        plant.step(self.par, self.state, wrench_a, wrench_b, self.loads, self.scene.period)
         self._steps += 1
 
     def move(self, state: Array, steps: int) -> None:
-        """Put the bodies where they are after ``steps`` periods, ``state`` (26,)."""
+        """Set the state (26,) after ``steps`` periods."""
         self.state[:] = state
         self._steps = steps
 
     def energy(self) -> float:
         """Kinetic and gravitational energy of both bodies, J."""
-        return float(plant.energy(self._par, self.state))
+        return float(plant.energy(self.par, self.state))
 
     def momentum(self) -> Array:
         """(6,) linear momentum and angular momentum about the world's origin, world axes."""
-        return np.array(plant.momentum(self._par, self.state))
+        return np.array(plant.momentum(self.par, self.state))
 
 
 def _start(pose: tuple[float, ...], initial: PlantBody) -> Array:

@@ -1,50 +1,145 @@
-"""A scene in process, without ROS: the closed loop, or the motion to a stated accuracy."""
+"""Simulate a scene in process, without ROS: the closed loop, or a motion to a stated accuracy."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
+from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import LIVE
+from cylconn_ros.scene.packing import choose_method
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.simulation.closed_loop import Progress, Run, closed_loop
+from cylconn_ros.scene.schema import show
+from cylconn_ros.simulation.closed_loop import Progress, closed_loop, times
 from cylconn_ros.simulation.plant import Plant
-from cylconn_ros.simulation.to_tolerance import motion
+from cylconn_ros.simulation.run import Accuracy, Run
+from cylconn_ros.simulation.to_tolerance import motion, offline
 
-__all__ = ["Run", "simulate"]
+__all__ = ["Run", "simulate", "sweep"]
+
+Array = NDArray[np.float64]
 
 
-def simulate(scene: Scene, steps: int, progress: Progress | None = None) -> Run:
-    """Run plant and connector in lock step for ``steps`` samples.
-
-    Where the scene states a ``tolerance`` and leaves the method to us, the motion is computed to
-    that accuracy (simulation/to_tolerance.py) and the connector answers its samples.
+def simulate(
+    scene: Scene,
+    duration: float | None = None,
+    *,
+    samples: int | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Simulate the scene with its plant and connector in lock step.
 
     Args:
-        progress: called with (done, steps) now and then, and at the end.
+        duration: s, by default the scene's ``plant.duration``. The run includes the state at its
+            end: ``duration / period + 1`` samples, rounded to whole periods.
+        samples: number of samples, in place of ``duration``.
+        progress: called with (done, total) samples at times, and at the end.
 
-    Raises :class:`~cylconn_ros.scene.schema.SceneError` for a scene that cannot be served
-    or moved.
+    If the scene states a ``tolerance`` with the method auto, the motion is computed to that
+    accuracy (simulation/to_tolerance.py); the method minimal computes the motion in joint
+    coordinates. In both cases the connector then processes the samples of this motion.
+
+    Raises :class:`~cylconn_ros.errors.SceneError` for a scene that cannot be simulated, for
+    instance with an unknown inertia, and for a duration that is not finite.
+
+    Example::
+
+        run = cr.simulate(cr.load(cr.shipped("demo")), duration=5.0)
+        print(run.time[-1], run["displacement"][-1])
     """
+    if samples is None:
+        samples = samples_of(scene, duration)
+    elif duration is not None:
+        raise ValueError(f"samples = {samples}: must not be given together with duration")
+    if choose_method(scene) not in LIVE:
+        return _along(scene, offline(scene, samples), samples, progress)
     if scene.tolerance > 0.0 and scene.method == "auto":
-        return _accurate(scene, steps, progress)
-    return closed_loop(scene, steps, progress)
+        return _along(scene, motion(scene, samples), samples, progress)
+    return closed_loop(scene, samples, progress)
 
 
-def _accurate(scene: Scene, steps: int, progress: Progress | None) -> Run:
-    """The motion to the scene's tolerance, and the answers to its samples."""
-    plant, connector = Plant(scene), Connector(scene)
-    states, chosen = motion(scene, steps)
-    samples = np.zeros((steps, layout.NSAMPLE))
-    samples[:, layout.MOTION], samples[:, layout.LOADS] = states[:-1], plant.loads
-    outs, energy = connector.run(samples), np.empty(steps)
-    for k in range(steps):
+def samples_of(scene: Scene, duration: float | None = None) -> int:
+    """Number of samples from 0 to ``duration`` (s; by default the scene's), both included.
+
+    Raises SceneError for a duration that is not finite or negative, or a scene without a period.
+    """
+    seconds = scene.plant.duration if duration is None else duration
+    if scene.period <= 0.0:
+        raise SceneError("period = 0.0: must be > 0 s for a simulation")
+    if not 0.0 <= seconds < math.inf:
+        name = "plant.duration" if duration is None else "duration"
+        raise SceneError(f"{name} = {show(seconds)}: must be finite and >= 0 s for a simulation")
+    return round(seconds / scene.period) + 1
+
+
+def sweep(
+    scene: Scene,
+    vary: Mapping[str, Sequence[Any]],
+    duration: float | None = None,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> list[Run]:
+    """Simulate the scene for every combination of parameter values, on all cores.
+
+    Args:
+        vary: dotted parameter names and the values of each; the last name varies fastest.
+        duration: s, as for :func:`simulate`. workers: threads; by default one per core.
+        progress: called with (done, total) runs.
+
+    Returns the runs in order; ``run.scene`` is the scene of each. All scenes are checked before the
+    first run: raises :class:`~cylconn_ros.errors.SceneError` for an unusable value.
+
+    Example::
+
+        scene = cr.load(cr.shipped("coast"))
+        runs = cr.sweep(scene, {"friction.coefficient": [0.1, 0.2, 0.3]}, duration=1.0)
+        print([run["displacement"][-1] for run in runs])
+    """
+    scenes = [
+        scene.replace(dict(zip(vary, values, strict=True))) for values in product(*vary.values())
+    ]
+    runs: list[Run] = []
+    if not scenes:
+        return runs
+
+    def finished(run: Run) -> None:
+        runs.append(run)
+        if progress is not None:
+            progress(len(runs), len(scenes))
+
+    finished(simulate(scenes[0], duration))  # compiles, which threads would do at the same time
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        for run in pool.map(lambda one: simulate(one, duration), scenes[1:]):
+            finished(run)
+    return runs
+
+
+def _along(
+    scene: Scene, computed: tuple[Array, Accuracy], samples: int, progress: Progress | None
+) -> Run:
+    """The connector's outputs along a motion computed beforehand."""
+    plant = Plant(scene)
+    connector = Connector(dataclasses.replace(scene, method="auto"))
+    states, accuracy = computed
+    rows = np.zeros((samples, layout.NSAMPLE))
+    rows[:, layout.MOTION], rows[:, layout.LOADS] = states[:-1], plant.loads
+    outs, energy = connector.run(rows), np.empty(samples)
+    for k in range(samples):
         plant.state[:] = states[k]
         energy[k] = plant.energy()
-        if progress is not None and k % 64 == 0:
-            progress(k, steps)
-    plant.move(states[-1], steps)
+    plant.move(states[-1], samples)
     if progress is not None:
-        progress(steps, steps)
-    time = np.asarray(scene.period * np.arange(steps), dtype=np.float64)
-    return Run(time, states[:-1], outs, energy, connector, plant, chosen)
+        progress(samples, samples)
+    time = times(scene, samples)
+    return Run(scene, time, states[:-1], outs, energy, connector, plant, accuracy)

@@ -1,9 +1,9 @@
-"""A simulation as accurate as the scene's ``tolerance`` asks: which method, in which steps.
+"""A simulation to the relative error that the scene's ``tolerance`` states.
 
-The measurements (docs/precision.md) say that with known inertia nothing reaches an accuracy at less
-cost than ``minimal`` with the tolerance of its own steps below the one asked for. It owns the whole
-motion, though, so where it cannot keep to that tolerance ``impulse`` takes its place in a
-closed loop with as many substeps of the period as a comparison with twice as many asks for.
+According to the measurements in docs/benchmarks/precision.md, ``minimal`` reaches an accuracy at
+the least cost if inertia is known, with a tolerance of its steps below the stated one. If it cannot
+keep that tolerance, ``impulse`` replaces it in a closed loop; the number of substeps per period
+follows from a comparison with twice as many substeps.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.minimal.initial import DEFAULT_TOLERANCE
 from cylconn_ros.scene.packing import step_tolerance
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.simulation.closed_loop import Chosen, closed_loop
+from cylconn_ros.simulation.closed_loop import closed_loop
+from cylconn_ros.simulation.run import Accuracy
 
 Array = NDArray[np.float64]
 
@@ -26,11 +28,11 @@ SAFETY = 2.0  # on the error of n substeps estimated from 2n
 MOST_SUBSTEPS = 1024
 
 
-def motion(scene: Scene, steps: int) -> tuple[Array, Chosen]:
-    """(steps + 1, 26) states at the stamps, as accurate as ``scene.tolerance``, and how they came.
+def motion(scene: Scene, steps: int) -> tuple[Array, Accuracy]:
+    """(steps + 1, 26) states at the stamps to ``scene.tolerance``, and the settings used.
 
-    The tolerance bounds the errors of slide and of spin, each over the way it has gone at most.
-    Raises :class:`SceneError` where an inertia is unknown or no number of substeps is enough.
+    The tolerance bounds the errors of slide and rotation, each relative to its largest travel.
+    Raises :class:`SceneError` if an inertia is unknown or no number of substeps is enough.
     """
     from cylconn_ros.simulation.minimal import solve
 
@@ -39,22 +41,41 @@ def motion(scene: Scene, steps: int) -> tuple[Array, Chosen]:
     try:
         found = solve(dataclasses.replace(scene, method="minimal"), float(times[-1]), rtol, times)
         if found.coarse == math.inf:
-            return found.states, Chosen("minimal", 1, rtol, math.nan)
+            return found.states, Accuracy("minimal", 1, rtol, math.nan)
     except (SceneError, RuntimeError):
         if "unknown" in (scene.body_a.kind, scene.body_b.kind):
             raise
     return _by_substeps(scene, steps)
 
 
-def _by_substeps(scene: Scene, steps: int) -> tuple[Array, Chosen]:
-    """The closed loop with impulse, substeps doubled until the last doubling changed little."""
-    substeps, coarse = 1, _looped(scene, steps, 1)
+def offline(scene: Scene, steps: int) -> tuple[Array, Accuracy]:
+    """(steps + 1, 26) states at the stamps by the offline method minimal, and the settings used.
+
+    The tolerance of the integrator's steps follows from the scene's, or is 1e-12 if it states none.
+    Raises :class:`SceneError` if an inertia is unknown or the integration cannot be completed.
+    """
+    from cylconn_ros.simulation.minimal import solve
+
+    times = np.asarray(scene.period * np.arange(steps + 1), dtype=np.float64)
+    rtol = step_tolerance(scene.tolerance) or DEFAULT_TOLERANCE
+    try:
+        found = solve(scene, float(times[-1]), rtol, times)
+    except RuntimeError as error:
+        raise SceneError(
+            f"method = {scene.method!r}: {error}; use impulse, which handles this motion"
+        ) from error
+    return found.states, Accuracy(scene.method, 1, rtol, math.nan)
+
+
+def _by_substeps(scene: Scene, steps: int) -> tuple[Array, Accuracy]:
+    """The closed loop with impulse; substeps are doubled until the estimated error is small."""
+    substeps, coarse = 1, _loop_with_substeps(scene, steps, 1)
     while substeps < MOST_SUBSTEPS:
-        fine = _looped(scene, steps, 2 * substeps)
+        fine = _loop_with_substeps(scene, steps, 2 * substeps)
         error = SAFETY * relative_error(coarse[1], fine[1]) / 3.0  # second order: 1/(2^2 - 1)
         substeps *= 2
         if error <= scene.tolerance:
-            return fine[0], Chosen("impulse", substeps, 0.0, error)
+            return fine[0], Accuracy("impulse", substeps, 0.0, error)
         coarse = fine
     raise SceneError(
         f"tolerance = {scene.tolerance:g}: is not reached with {MOST_SUBSTEPS} substeps of a "
@@ -62,25 +83,25 @@ def _by_substeps(scene: Scene, steps: int) -> tuple[Array, Chosen]:
     )
 
 
-def _looped(scene: Scene, steps: int, substeps: int) -> tuple[Array, Array]:
+def _loop_with_substeps(scene: Scene, steps: int, substeps: int) -> tuple[Array, Array]:
     """States, and (length, angle), at the stamps of a loop with substeps."""
     fine = dataclasses.replace(
         scene, method="impulse", tolerance=0.0, period=scene.period / substeps
     )
     run = closed_loop(fine, steps * substeps + 1)
-    place = run.outs[::substeps, [layout.LENGTH, layout.ANGLE]]
-    return run.states[::substeps], place
+    position = run.outs[::substeps, [layout.LENGTH, layout.ANGLE]]
+    return run.states[::substeps], position
 
 
-def relative_error(place: Array, reference: Array) -> float:
-    """The greatest error of slide or spin, over the greatest way that it goes.
+def relative_error(position: Array, reference: Array) -> float:
+    """The larger error of slide and rotation, each relative to its largest travel.
 
-    ``place``, ``reference``: (N, 2) length and angle. A component that does not move has none.
+    ``position``, ``reference``: (N, 2) length (m) and angle (rad). A component at rest has none.
     """
     worst = 0.0
     for k in range(2):
-        way = float(np.max(np.abs(reference[:, k] - reference[0, k])))
-        apart = float(np.max(np.abs(place[:, k] - reference[:, k])))
-        if way > 1e-9:
-            worst = max(worst, apart / way)
+        travel = float(np.max(np.abs(reference[:, k] - reference[0, k])))
+        error = float(np.max(np.abs(position[:, k] - reference[:, k])))
+        if travel > 1e-9:
+            worst = max(worst, error / travel)
     return worst

@@ -1,4 +1,4 @@
-"""Work and precision: the arithmetic of points and fronts, and every contestant's own set-up."""
+"""Work-precision diagrams: errors, Pareto fronts, targets, tables, pictures; and model features."""
 
 from __future__ import annotations
 
@@ -12,12 +12,19 @@ import numpy as np
 import pytest
 from scenes import bundled
 
-from cylconn_ros.bench.common import results_kept
-from cylconn_ros.bench.common.results import Findings, Gap, Measurement, Report, Setting
+from cylconn_ros.bench.common import results
+from cylconn_ros.bench.common.results import (
+    Findings,
+    Measurement,
+    NotMeasured,
+    Report,
+    Setting,
+    merge_cases,
+)
 from cylconn_ros.bench.peers.common import Joint
-from cylconn_ros.bench.peers.registry import CONTESTANTS
-from cylconn_ros.bench.precision import cases, pareto, picture, run, text
-from cylconn_ros.bench.precision.cases import CASES, PLACE
+from cylconn_ros.bench.peers.registry import SOLVERS
+from cylconn_ros.bench.precision import cases, pareto, picture, text
+from cylconn_ros.bench.precision.cases import CASES, ERROR
 from cylconn_ros.bench.precision.pareto import Point
 from cylconn_ros.bench.precision.trials import COST
 from cylconn_ros.bench.step_cost import features
@@ -27,201 +34,221 @@ from cylconn_ros.simulation.simulate import simulate
 
 PACKAGES = {"drake": "pydrake", "ours": "numpy"}
 INSTALLED = {
-    contestant.name: contestant
-    for contestant in CONTESTANTS.values()
-    if importlib.util.find_spec(PACKAGES.get(contestant.family, contestant.family))
+    solver.name: solver
+    for solver in SOLVERS.values()
+    if importlib.util.find_spec(PACKAGES.get(solver.family, solver.family))
 }
-"""What the environment of the tests has; the others are to be said to be absent."""
+"""Solvers whose package is installed in the test environment."""
 
 
-# --- what is measured of a state ---
+# --- quantities and errors of an end state ---
 
 
 @pytest.mark.parametrize("name", ["demo", "free_flight", "hub_and_rotor", "free_slide"])
-def test_measured_at_the_start_is_nothing(name: str) -> None:
+def test_end_quantities_of_the_initial_state_are_zero(name: str) -> None:
     scene = bundled(name)
-    found = cases.measured(scene, Plant(scene).state)
+    found = cases.end_quantities(scene, Plant(scene).state)
     for quantity in ("slide", "spin", "offset", "tilt"):
         assert abs(found[quantity]) < 1e-12
     assert found["energy"] == pytest.approx(Plant(scene).energy())
 
 
-def test_measured_agrees_with_the_connector() -> None:
+def test_end_quantities_agree_with_the_connector() -> None:
     scene = bundled("demo")
-    run = simulate(scene, 400)
-    found = cases.measured(scene, run.states[-1])
-    assert found["slide"] == pytest.approx(run.state("displacement")[-1], abs=1e-12)
-    assert math.remainder(found["spin"] - run.state("rotation")[-1], 2 * math.pi) == (
+    run = simulate(scene, samples=400)
+    found = cases.end_quantities(scene, run.states[-1])
+    assert found["slide"] == pytest.approx(run["displacement"][-1], abs=1e-12)
+    assert math.remainder(found["spin"] - run["rotation"][-1], 2 * math.pi) == (
         pytest.approx(0.0, abs=1e-9)
     )
-    assert found["v"] == pytest.approx(run.state("velocity")[-1, 0])
-    assert found["w"] == pytest.approx(run.state("angular_velocity")[-1, 0])
+    assert found["v"] == pytest.approx(run["velocity"][-1, 0])
+    assert found["w"] == pytest.approx(run["angular_velocity"][-1, 0])
 
 
-def test_a_joint_gives_the_state_back() -> None:
-    for name in ("demo", "hub_and_rotor"):
-        scene = bundled(name)
-        joint = Joint(scene)
-        state = joint.state(joint.pose_a, joint.twist_a, 0.0, 0.0, (joint.slide, joint.spin))
-        np.testing.assert_allclose(state, Plant(scene).state, atol=1e-13)
-        found = cases.measured(
-            scene, joint.state(joint.pose_a, joint.twist_a, 0.3, 1.0, (2.0, 5.0))
-        )
-        moved = [found[quantity] for quantity in ("slide", "spin", "v", "w")]
-        assert moved == pytest.approx([0.3, 1.0, 2.0, 5.0])
-        assert max(found["offset"], found["tilt"]) < 1e-12
-
-
-def test_answers_that_are_worth_nothing_are_failures() -> None:
+def test_unusable_solutions_count_as_failed() -> None:
     case, scene = CASES["coast"], cases.scene_of(bundled, CASES["coast"])
-    truth = case.answer(scene, case.duration)
+    reference = case.reference(scene, case.duration)
     joint = Joint(scene)
 
-    def judged(slide: float, v: float) -> str:
+    def failure(slide: float, v: float) -> str:
         state = joint.state(joint.pose_a, joint.twist_a, slide, 0.0, (v, 0.0))
-        return cases.failure(case, scene, cases.errors(case, scene, truth, state), state)
+        return cases.failure(case, scene, cases.errors(case, scene, reference, state), state)
 
-    assert judged(truth["slide"] + 1e-3, 0.0) == ""
-    assert "half of the motion" in judged(truth["slide"] + 0.15, 0.0)
-    assert "rest" in judged(truth["slide"], 0.5)
-    lost = np.full(26, math.nan)
-    assert "blew up" in cases.failure(case, scene, cases.errors(case, scene, truth, lost), lost)
-    state = joint.state(joint.pose_a, joint.twist_a, truth["slide"], 0.0, (0.0, 0.0))
+    assert failure(reference["slide"] + 1e-3, 0.0) == ""
+    assert "half of the motion" in failure(reference["slide"] + 0.15, 0.0)
+    assert "rest" in failure(reference["slide"], 0.5)
+    diverged = np.full(26, math.nan)
+    assert "diverged" in cases.failure(
+        case, scene, cases.errors(case, scene, reference, diverged), diverged
+    )
+    state = joint.state(joint.pose_a, joint.twist_a, reference["slide"], 0.0, (0.0, 0.0))
     state[14] += 0.2
-    assert "apart" in cases.failure(case, scene, cases.errors(case, scene, truth, state), state)
+    assert "apart" in cases.failure(case, scene, cases.errors(case, scene, reference, state), state)
 
 
-# --- fronts ---
+# --- Pareto fronts and targets ---
 
 
 def test_fronts_and_domination() -> None:
-    ours = [Point("impulse", 1e-3, 1.0, 1e-4), Point("minimal", 1e-6, 2.0, 1e-8)]
+    own = [Point("impulse", 1e-3, 1.0, 1e-4), Point("minimal", 1e-6, 2.0, 1e-8)]
     slow = Point("impulse", 1e-4, 3.0, 1e-6)
-    lost = Point("penalty", 1e-3, 0.1, 1e-9, "blew up")
-    assert pareto.front([slow, *ours, lost]) == ours
+    lost = Point("penalty", 1e-3, 0.1, 1e-9, "diverged")
+    assert pareto.front([slow, *own, lost]) == own
     peer = Point("MuJoCo RK4, loop", 1e-3, 2.5, 1e-5)
-    assert pareto.at_equal_cost(ours, peer, 1e-13) == pytest.approx(1e-3)
-    assert math.isnan(pareto.at_equal_cost(ours, dataclasses.replace(peer, cost=0.5), 1e-13))
-    assert pareto.dominating(ours, [peer], 1e-13) == []
+    assert pareto.ratio_at_equal_cost(own, peer, 1e-13) == pytest.approx(1e-3)
+    assert math.isnan(pareto.ratio_at_equal_cost(own, dataclasses.replace(peer, cost=0.5), 1e-13))
+    assert pareto.dominating(own, [peer], 1e-13) == []
     better = dataclasses.replace(peer, cost=0.5, error=1e-5)
-    assert pareto.dominating(ours, [better], 1e-13) == [better]
-    rounding = [Point("impulse", 1e-3, 1.0, 1e-15)]
+    assert pareto.dominating(own, [better], 1e-13) == [better]
+    near_rounding = [Point("impulse", 1e-3, 1.0, 1e-15)]
     same = dataclasses.replace(peer, cost=0.95, error=0.0)
-    assert pareto.dominating(rounding, [same], 1e-13) == [], "within the clock's spread"
+    assert pareto.dominating(near_rounding, [same], 1e-13) == [], "within the spread of the clock"
 
 
-def test_targets_are_stricter_where_reactions_change() -> None:
-    def point(problem: str, name: str, cost: float, off: float) -> list[Measurement]:
-        knob = {"step": 1e-3}
+def test_targets_are_stricter_if_friction_depends_on_reactions() -> None:
+    def point(case: str, name: str, cost: float, error: float) -> list[Measurement]:
+        settings: dict[str, Setting] = {"step": 1e-3}
         return [
-            Measurement(problem, name, PLACE, off, "m", settings=knob),
-            Measurement(problem, name, COST, cost, "ms", settings=knob),
+            Measurement(case, name, ERROR, error, "m", settings=settings),
+            Measurement(case, name, COST, cost, "ms", settings=settings),
         ]
 
     found = Findings()
-    for problem in ("coast", "demo"):
-        found.measurements += point(problem, "impulse", 1.0, 1e-5)
-        found.measurements += point(problem, "MuJoCo RK4, loop", 2.0, 2e-5)
+    for case in ("coast", "demo"):
+        found.measurements += point(case, "impulse", 1.0, 1e-5)
+        found.measurements += point(case, "MuJoCo RK4, loop", 2.0, 2e-5)
     met = {target.name.partition(":")[0]: target for target in pareto.targets(found)[::2]}
     assert met["coast"].met is True
     assert met["demo"].met is False
     assert met["demo"].value == pytest.approx(0.5)
 
 
-# --- the command ---
+def test_errors_below_rounding_are_equal() -> None:
+    """An own point that is more accurate by less than rounding, and slower, is not on the front."""
+    own = [Point("minimal", 1e-2, 0.2, 4e-17), Point("impulse", 1e-3, 9.0, 1e-17)]
+    peers = [Point("SciPy LSODA", 1e-12, 5.0, 4e-15)]
+    assert pareto.front(own, 1e-13) == own[:1]
+    assert pareto.dominating(pareto.front(own, 1e-13), peers, 1e-13) == []
+    assert pareto.dominating(own, peers, 1e-13) == peers
 
 
-def test_errors_of_rounding_are_equal() -> None:
-    """A point of ours that is nearer by less than rounding, and dearer, is not on the front."""
-    ours = [Point("minimal", 1e-2, 0.2, 4e-17), Point("minimal, live", 1e-3, 9.0, 1e-17)]
-    theirs = [Point("SciPy LSODA", 1e-12, 5.0, 4e-15)]
-    assert pareto.front(ours, 1e-13) == ours[:1]
-    assert pareto.dominating(pareto.front(ours, 1e-13), theirs, 1e-13) == []
-    assert pareto.dominating(ours, theirs, 1e-13) == theirs
+def test_cost_ratio_compares_the_cheapest_points_that_reach_an_error() -> None:
+    own = [Point("minimal", 1e-8, 1.0, 1e-9), Point("minimal", 1e-10, 2.0, 1e-11)]
+    peers = [Point("SciPy DOP853", 1e-11, 50.0, 1e-11), Point("SciPy DOP853", 1e-9, 40.0, 1e-10)]
+    assert pareto.cost_ratio(own, peers, 1e-10) == pytest.approx(2.0 / 40.0)
+    assert math.isnan(pareto.cost_ratio(own[:1], peers, 1e-10)), "not reached"
 
 
-def test_quick_precision_is_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_minimal_has_targets_beside_scipy_and_mujoco() -> None:
+    found = Findings()
+    for case, peer in (
+        ("slide_and_spin", "SciPy DOP853"),
+        ("free_flight", "MuJoCo RK4, constant"),
+    ):
+        for name, cost, error in (
+            ("minimal", 1.0, 1e-11),
+            (peer, 0.5, 1e-7),
+            (peer, 40.0, 1e-10),
+        ):
+            settings: dict[str, Setting] = {SOLVERS[name].parameter: cost}
+            found.measurements += [
+                Measurement(case, name, ERROR, error, "m", settings=settings),
+                Measurement(case, name, COST, cost, "ms", settings=settings),
+            ]
+    scipy, mujoco = pareto.targets(found)[-2:]
+    assert "SciPy" in scipy.name
+    assert scipy.value == pytest.approx(1.0 / 40.0)
+    assert scipy.met is True
+    assert "MuJoCo" in mujoco.name
+    assert mujoco.value == pytest.approx(2e-11 / 1e-10), "rounding of the reference"
+
+
+def test_quick_precision_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "precision.json"
     assert main.main(["bench", "precision", "--quick", "-o", str(output)]) == 0
     data = json.loads(output.read_text())
-    names = {m["contestant"] for m in data["measurements"]}
-    gaps = {(gap["contestant"], gap["status"]) for gap in data["gaps"]}
-    for name in CONTESTANTS:
-        assert name in names if name in INSTALLED else (name, "absent") in gaps, name
-    assert {m["problem"] for m in data["measurements"]} == {"coast", "near_jam"}
+    names = {m["subject"] for m in data["measurements"]}
+    not_measured = {(one["subject"], one["status"]) for one in data["not_measured"]}
+    for name in SOLVERS:
+        if name in INSTALLED:
+            assert name in names, name
+        else:
+            assert (name, "not installed") in not_measured, name
+    assert {m["case"] for m in data["measurements"]} == {"coast", "near_jam"}
     assert len(data["targets"]) == 4
-    failed = [m["note"] for m in data["measurements"] if m["contestant"] == "penalty"]
-    assert any(failed), "penalty comes apart near the jam"
-    assert "coast: our error at equal CPU" in capsys.readouterr().out
+    failed = [m["note"] for m in data["measurements"] if m["subject"] == "penalty"]
+    assert any(failed), "penalty fails near the jam"
+    assert "coast: own error over the best simulator's at equal CPU time" in capsys.readouterr().out
 
 
-def test_gaps_that_are_everywhere_are_one() -> None:
-    gaps = [Gap(name, "peer", "absent", "is not installed") for name in ("a", "b")]
-    assert run.merged(gaps) == [Gap("a, b", "peer", "absent", "is not installed")]
+def test_equal_reasons_on_several_cases_are_one_entry() -> None:
+    missing = [NotMeasured(name, "peer", "not installed", "reason") for name in ("a", "b")]
+    assert merge_cases(missing) == [NotMeasured("a, b", "peer", "not installed", "reason")]
 
 
-# --- results kept, drawn and written ---
+# --- results stored, drawn and written ---
 
 
-def some() -> Report:
-    """A scene with an answer, a failure and a gap."""
+def some_report() -> Report:
+    """A case with solutions, a failure and a solver that is not installed."""
     found = Findings()
-    for name, value, cost, off, note in (
+    for name, value, cost, error, note in (
         ("impulse", 1e-3, 1.0, 1e-5, ""),
         ("impulse", 1e-4, 9.0, 1e-7, ""),
         ("minimal", 1e-6, 0.1, 0.0, ""),
         ("MuJoCo RK4, loop", 1e-3, 5.0, 2e-3, ""),
-        ("penalty", 1e-3, 0.5, math.nan, "blew up"),
+        ("penalty", 1e-3, 0.5, math.nan, "diverged"),
         ("Drake RK3, loop", 1e-3, 20.0, 1e-3, ""),
     ):
-        knob: dict[str, Setting] = {CONTESTANTS[name].knob: value}
+        settings: dict[str, Setting] = {SOLVERS[name].parameter: value}
         found.measurements += [
-            Measurement("demo", name, PLACE, off, "m", settings=knob, note=note),
-            Measurement("demo", name, COST, cost, "ms", settings=knob, note=note),
+            Measurement("demo", name, ERROR, error, "m", settings=settings, note=note),
+            Measurement("demo", name, COST, cost, "ms", settings=settings, note=note),
         ]
     found.targets = pareto.targets(found)
-    found.gaps = [Gap("demo", "PyBullet, loop", "absent", "pybullet is not installed")]
+    reason = "pybullet is not installed"
+    found.not_measured = [NotMeasured("demo", "PyBullet, loop", "not installed", reason)]
     return Report("cylconn bench precision", {"quick": True}, found)
 
 
-def test_results_are_read_back_as_they_were_kept(tmp_path: Path) -> None:
-    whole = some()
-    file = tmp_path / "kept.json"
+def test_results_are_read_back_unchanged(tmp_path: Path) -> None:
+    whole = some_report()
+    file = tmp_path / "stored.json"
     file.write_text(whole.json())
-    assert results_kept.read(file).json() == whole.json()
-    file.write_text('{"format": 1}')
+    assert results.read(file).json() == whole.json()
+    file.write_text(json.dumps({"format": results.FORMAT}))
     with pytest.raises(ValueError, match="no results of a benchmark"):
-        results_kept.read(file)
+        results.read(file)
 
 
-def test_a_budget_buys_the_least_error() -> None:
-    points = pareto.points(some().findings, "demo")
+def test_cell_has_the_least_error_within_the_budget() -> None:
+    points = pareto.points(some_report().findings, "demo")
 
     def cell(name: str, budget: float) -> str:
-        return text.cell([p for p in points if p.contestant == name], budget)
+        return text.cell([p for p in points if p.solver == name], budget)
 
     assert cell("impulse", 1.0) == "1e-05"
     assert cell("impulse", 10.0) == "1e-07"
     assert cell("minimal", 1.0) == "exact"
     assert cell("penalty", 1.0) == text.FAILED
-    assert cell("Drake RK3, loop", 10.0) == text.DEARER
-    assert cell("PyBullet, loop", 10.0) == text.NONE
-    body = text.body(some().findings)
+    assert cell("Drake RK3, loop", 10.0) == text.TOO_SLOW
+    assert cell("PyBullet, loop", 10.0) == text.NO_RESULT
+    body = text.body(some_report().findings)
     assert "| 1 of 1" in body
-    assert "| blew up" in body
+    assert "| diverged" in body
     assert "◆" in body
 
 
-def test_every_contestant_is_on_one_curve() -> None:
-    for name in CONTESTANTS:
-        assert len([curve for curve in picture.CURVES if curve.holds(name)]) == 1, name
+def test_every_solver_is_on_one_curve() -> None:
+    for name in SOLVERS:
+        assert len([curve for curve in picture.CURVES if curve.contains(name)]) == 1, name
 
 
-def test_kept_results_are_drawn_and_written(
+def test_stored_results_are_drawn_and_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, folder, text = tmp_path / "kept.json", tmp_path / "drawn", tmp_path / "page.md"
-    file.write_text(some().json())
+    file, folder, text = tmp_path / "stored.json", tmp_path / "drawn", tmp_path / "page.md"
+    file.write_text(some_report().json())
     text.write_text("<!-- cylconn bench precision -->\n<!-- end -->\n")
     command = ["bench", "precision", "--from", str(file)]
     assert main.main([*command, "--pictures", str(folder), "--document", str(text)]) == 0
@@ -231,7 +258,7 @@ def test_kept_results_are_drawn_and_written(
     assert "minimal" in svg
     page = (folder / "precision.html").read_text()
     embedded = json.loads(page.partition("const data = ")[2].partition(", off = new Set")[0])
-    assert embedded["scenes"][0]["rows"]["penalty"] == [[1e-3, 0.5, None, "blew up", None, None]]
+    assert embedded["cases"][0]["rows"]["penalty"] == [[1e-3, 0.5, None, "diverged", None, None]]
     assert "http" not in page.replace("http://www.w3.org/2000/svg", ""), "no network"
     assert "PyBullet" in text.read_text()
     capsys.readouterr()
@@ -240,37 +267,37 @@ def test_kept_results_are_drawn_and_written(
     assert main.main(["bench", "model", "--pictures", str(folder)]) == main.USAGE_ERROR
 
 
-# --- lean and full model ---
+# --- model features ---
 
 
 @pytest.mark.parametrize("name", ["coast", "between_stops", "dry_friction_oscillator", "demo"])
-def test_features_without_effect_have_none(name: str) -> None:
+def test_additional_features_do_not_change_the_motion(name: str) -> None:
     scenes = features.variants(cases.scene_of(bundled, CASES[name]))
     assert features.FULL in scenes
-    ends = {key: simulate(scene, 300).states[-1, 13:] for key, scene in scenes.items()}
+    ends = {key: simulate(scene, samples=300).states[-1, 13:] for key, scene in scenes.items()}
     for key, end in ends.items():
         if key == features.FULL or key.startswith(features.WITH):
             np.testing.assert_allclose(end, ends[features.LEAN], rtol=0.0, atol=1e-9, err_msg=key)
 
 
-def test_features_left_out_are_missed() -> None:
+def test_omitted_features_change_the_motion() -> None:
     scenes = features.variants(cases.scene_of(bundled, CASES["demo"]))
-    ends = {key: simulate(scene, 1000).states[-1, 13:16] for key, scene in scenes.items()}
+    ends = {key: simulate(scene, samples=1000).states[-1, 13:16] for key, scene in scenes.items()}
     for name in ("friction", "bending"):
         off = np.abs(ends[features.WITHOUT + name] - ends[features.LEAN]).max()
         assert off > 1e-3, name
 
 
-def test_a_pair_can_do_without_its_second_body() -> None:
+def test_a_pair_without_its_second_body_starts_on_the_constraint() -> None:
     scenes = features.variants(cases.scene_of(bundled, CASES["hub_and_rotor"]))
     alone = scenes[features.WITHOUT + "second body"]
-    start = simulate(alone, 1)
-    assert start.state("velocity_violation")[0] < 1e-12
-    assert start.state("spin_violation")[0] < 1e-12
+    start = simulate(alone, samples=1)
+    assert start["velocity_violation"][0] < 1e-12
+    assert start["spin_violation"][0] < 1e-12
 
 
-def test_quick_model_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_model_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
     assert main.main(["bench", "model", "--quick"]) == 0
     printed = capsys.readouterr().out
-    for words in ("+ second body", "error of the full", "left out", "near_jam"):
+    for words in ("+ second body", "error of the full model", "omitted", "near_jam"):
         assert words in printed

@@ -1,12 +1,10 @@
-"""The command line: what users type, what they see, how it fails."""
+"""The command line: arguments, output and errors."""
 
 from __future__ import annotations
 
 import importlib.util
 import io
 import math
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +17,6 @@ from std_msgs.msg import Header
 import cylconn_ros
 from cylconn_ros.cli import checks, info, main, progress, scenes, simulate, summary
 from cylconn_ros.core.layout import STATE_FIELDS
-from cylconn_ros.errors import CommandError
-from cylconn_ros.process import child
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.writer import RunWriter
@@ -32,7 +28,7 @@ STOP = 0.6004  # s
 
 
 def states() -> dict[str, np.ndarray]:
-    """Return made-up states at 1 kHz: slip until STOP, then stick."""
+    """Synthetic states at 1 kHz: slip until STOP, then stick."""
     time = np.arange(SAMPLES) * 1e-3
     moving = time < STOP
     left = np.maximum(STOP - time, 0.0)
@@ -60,7 +56,7 @@ def states() -> dict[str, np.ndarray]:
 
 
 def record(directory: Path, count: int = SAMPLES) -> Path:
-    """Record the made-up states."""
+    """Record the synthetic states."""
     table = states()
     with RunWriter(directory, [STATE], {"version": "9.8.7", "model": "everything"}) as writer:
         for k in range(count):
@@ -80,13 +76,14 @@ def call(*arguments: str) -> int:
 
 
 @pytest.mark.parametrize("command", list(main.COMMANDS))
-def test_help_says_how_to_use_a_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_explains_a_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         call(command, "--help")
     assert ended.value.code == 0
     text = capsys.readouterr().out
     assert text.startswith(f"usage: cylconn {command}")
-    assert len(text.splitlines()) > 6
+    assert f"For example: cylconn {command}" in text or f"For example:\n  cylconn {command}" in text
+    assert "\nNext: " in text[text.index("options:") :]
 
 
 def test_version_and_no_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +99,7 @@ def test_version_and_no_command(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["simulate", "nowhere"], "nowhere is neither a file nor a scene that comes along"),
+        (["simulate", "nowhere"], "nowhere is neither a file nor a bundled scene"),
         (["info", "nowhere"], "nowhere: No such file or directory"),
         (["info", __file__], "test_cli.py: is not a recording (an MCAP file, or a directory"),
         (["info", "/dev/null"], "/dev/null: is not a recording"),
@@ -119,13 +116,13 @@ def test_errors_are_one_sentence(
     assert error.count("\n") == 1
 
 
-def test_a_picture_that_cannot_be_drawn_is_refused_before_the_work(
+def test_a_missing_plot_package_is_reported_before_the_simulation(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(simulate, "simulate", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(simulate, "simulate", lambda *_: pytest.fail("the simulation started"))
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert call("simulate", "coast", "--plot", "a.png") == 2
-    assert "--plot needs matplotlib: pip install '.[demo]' brings it" in capsys.readouterr().err
+    assert "--plot needs matplotlib: pip install '.[demo]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "inf", "nan", "soon"])
@@ -136,7 +133,7 @@ def test_durations_are_positive_numbers(value: str, capsys: pytest.CaptureFixtur
     assert value in capsys.readouterr().err
 
 
-def test_scenes_come_with_the_package() -> None:
+def test_scenes_are_bundled() -> None:
     names = {"demo", "coast", "slide_and_spin", "incline", "free_flight", "twenty_turns"}
     assert names <= set(scenes.bundled())
     for name in names:
@@ -165,12 +162,12 @@ def test_a_scene_without_an_end_needs_a_duration(
     text = scenes.find("coast").read_text()
     endless.write_text(text.replace("      duration: 1.0                       # s\n", ""))
     assert call("simulate", str(endless)) == 2
-    assert "say how long with --duration" in capsys.readouterr().err
+    assert "has no plant.duration: give --duration S" in capsys.readouterr().err
 
 
-def test_states_are_reduced_to_what_counts() -> None:
+def test_states_are_summarised() -> None:
     table = states()
-    found = summary.reduce_states(table["time"], table)
+    found = summary.summarise(table["time"], table)
     assert found.samples == SAMPLES
     assert found.duration == pytest.approx(0.999)
     assert found.distance == pytest.approx(STOP**2)
@@ -183,12 +180,12 @@ def test_states_are_reduced_to_what_counts() -> None:
     assert found.refused == 0
 
 
-def test_what_never_stops_and_what_is_not_finite_is_not_judged_well() -> None:
+def test_no_stop_and_values_that_are_not_finite_fail_checks() -> None:
     table = states()
     table["regime"][-1] = 2
     table["offset_violation"][3] = np.nan
     table["status"][3] = 1
-    found = summary.reduce_states(table["time"], table)
+    found = summary.summarise(table["time"], table)
     assert math.isnan(found.stop_time)
     assert math.isnan(found.worst_offset)
     assert found.refused == 1
@@ -196,7 +193,7 @@ def test_what_never_stops_and_what_is_not_finite_is_not_judged_well() -> None:
     assert checks.against("stop", found.stop_time, 1.0, 1.0, "s").ok is False
 
 
-def test_a_summary_is_well_only_if_every_line_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_summary_passes_only_if_every_check_passes(capsys: pytest.CaptureFixture[str]) -> None:
     good = [checks.below("size", 0.5, 1.0, "m"), checks.Check("method", "impulse")]
     assert checks.show(good)
     assert not checks.show([*good, checks.equal("lost", 1, 0)])
@@ -217,7 +214,7 @@ def test_simulate_keeps_arrays_and_recordings(
     assert "slide 0.20308" in out
     assert picture.stat().st_size > 10_000
     run = read_run(recording)
-    assert set(run.counts.values()) == {SAMPLES}
+    assert set(run.counts.values()) == {SAMPLES + 1}
     with np.load(arrays) as kept:
         for name, _ in STATE_FIELDS:
             np.testing.assert_array_equal(run.state[name], kept[name], err_msg=name)
@@ -246,16 +243,16 @@ def test_info_shows_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert words in out
 
 
-def test_info_reports_a_run_that_is_not_whole(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_reports_an_incomplete_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path / "run", count=20) / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 20\n", "message_count: 21\n"))
     assert call("info", str(path.parent)) == 1
-    assert "NOT WHOLE" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "INCOMPLETE" in out
+    assert "next: cylconn salvage" in out
 
 
-def test_info_on_an_empty_and_on_a_damaged_topic(
+def test_info_reports_empty_and_undecodable_topics(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call("info", str(record(tmp_path / "empty", count=0))) == 0
@@ -305,61 +302,22 @@ def test_progress_on_a_terminal_is_a_bar(monkeypatch: pytest.MonkeyPatch) -> Non
     assert stream.getvalue().endswith("\n")
 
 
-def python(code: str) -> list[str]:
-    return [sys.executable, "-u", "-c", code]
+def test_a_simulation_includes_its_end(tmp_path: Path) -> None:
+    for name, length in (("time", "--duration=0.01"), ("steps", "--steps=10")):
+        output = tmp_path / f"{name}.npz"
+        assert call("simulate", "coast", length, "-o", str(output)) == 0
+        with np.load(output) as kept:
+            np.testing.assert_allclose(kept["time"], 1e-3 * np.arange(11), atol=1e-15)
 
 
-def test_a_child_is_read_and_ended_politely() -> None:
-    taken = []
-
-    def take(line: str) -> bool:
-        taken.append(line)
-        return line.startswith("progress")
-
-    code = "import time; print('progress 1 2'); print('words'); time.sleep(60)"
-    with child.Child("sleeper", python(code), child.private_environment(), take) as running:
-        start = time.monotonic()
-        while len(taken) < 2 and time.monotonic() - start < 20.0:
-            time.sleep(0.01)
-        assert running.exit_code is None
-        assert list(running.lines) == ["words"]
-    assert running.exit_code is not None
-    assert time.monotonic() - start < 20.0
-
-
-def test_a_deaf_child_is_killed_and_quoted() -> None:
-    code = (
-        "import signal, time\n"
-        "for s in (signal.SIGINT, signal.SIGTERM): signal.signal(s, signal.SIG_IGN)\n"
-        "print('deaf'); time.sleep(60)"
-    )
-    running = child.Child("deaf one", python(code), child.private_environment())
-    while not running.lines:
-        time.sleep(0.01)
-    assert running.finish(patience=0.2) == -9
-    assert running.last_words() == "deaf one said last:\n    deaf"
-
-
-def test_programs_are_found_beside_the_running_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    program = tmp_path / "plant"
-    program.write_text("#!/bin/sh\n")
-    program.chmod(0o755)
-    monkeypatch.setattr(sys, "argv", [str(tmp_path / "cylconn"), "demo"])
-    assert child.executable("plant") == program
-    with pytest.raises(CommandError, match="no_such_program is not installed"):
-        child.executable("no_such_program")
-
-
-def test_private_environments_do_not_meet_others() -> None:
-    environment = child.private_environment()
-    profile = Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
-    assert "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>" in profile
-    assert 0 < int(environment["ROS_DOMAIN_ID"]) < 100
+def test_duration_and_steps_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        call("simulate", "coast", "--duration=1", "--steps=10")
+    assert ended.value.code == 2
+    assert "not allowed with argument" in capsys.readouterr().err
 
 
 def test_results_are_described_in_words() -> None:
     table = states()
-    lines = info.describe(summary.reduce_states(table["time"], table))
+    lines = info.describe(summary.summarise(table["time"], table))
     assert any(line.startswith("at rest") for line in lines)

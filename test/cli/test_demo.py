@@ -1,4 +1,4 @@
-"""The demo command: two processes, a recording that others can read, and an honest verdict."""
+"""The demo command: two processes, a recording that other tools can read, and its checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DURATION, STEPS = 0.5, 500
 
 @pytest.fixture(autouse=True)
 def _installed_programs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Under pytest argv[0] is pytest: let the programs be looked for in this prefix."""
+    """Under pytest, argv[0] is pytest: search the programs in this prefix."""
     monkeypatch.setattr(sys, "argv", [str(Path(sys.executable).parent / "cylconn")])
 
 
@@ -38,7 +38,7 @@ def call(*arguments: str) -> int:
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, str, Path]:
-    """Run the demo for half a second: exit code, what it printed, output directory."""
+    """Run the demo for half a second; exit code, output, output directory."""
     output = tmp_path_factory.mktemp("demo") / "run"
     cylconn = child.executable("cylconn")
     done = subprocess.run(
@@ -60,11 +60,11 @@ def scene_of(output: Path) -> Scene:
     return load(output / "scene.yaml")
 
 
-def test_the_demo_ends_well_and_says_why(demo: tuple[int, str, Path]) -> None:
+def test_the_demo_passes_and_prints_its_checks(demo: tuple[int, str, Path]) -> None:
     code, text, output = demo
     assert code == 0, text
     assert "✗" not in text
-    for line in ("distance", "turns", "samples answered", "samples lost", "recorded run"):
+    for line in ("distance", "turns", "samples processed", "samples lost", "recorded run"):
         assert line in text
     assert "demo: 100%" in text
     assert str(recording(output)) in text
@@ -91,21 +91,21 @@ def test_every_sample_is_in_the_recording(demo: tuple[int, str, Path]) -> None:
                 found[connection.topic].append(stamp.sec * 10**9 + stamp.nanosec)
     for topic, times in found.items():
         np.testing.assert_array_equal(times[:STEPS], stamps, err_msg=topic)
-        # Leaving, the connector sends a zero wrench, stamped just after the last sample's.
+        # At shutdown, the connector sends a zero wrench, stamped just after the last sample.
         assert all(stamp > stamps[-1] for stamp in times[STEPS:])
         assert topic.endswith("/wrench") or len(times) == STEPS
 
 
-def test_two_processes_give_the_numbers_of_one(demo: tuple[int, str, Path]) -> None:
+def test_two_processes_give_the_results_of_one(demo: tuple[int, str, Path]) -> None:
     state = read_run(recording(demo[2])).state
-    run = simulate(scene_of(demo[2]), STEPS)
+    run = simulate(scene_of(demo[2]), samples=STEPS)
     for name, _ in layout.STATE_FIELDS:
         if name != "computing_time":
-            np.testing.assert_array_equal(state[name], run.state(name), err_msg=name)
+            np.testing.assert_array_equal(state[name], run[name], err_msg=name)
     np.testing.assert_array_equal(state["regime"], run.outs[:, layout.REGIME])
 
 
-def test_the_recorded_parameters_are_the_ones_in_force(
+def test_the_recorded_parameters_are_those_in_use(
     demo: tuple[int, str, Path], tmp_path: Path
 ) -> None:
     run = read_run(recording(demo[2]))
@@ -123,24 +123,24 @@ def reference(demo: tuple[int, str, Path]) -> Reference:
 
 
 @pytest.fixture
-def judged(demo: tuple[int, str, Path], reference: Reference) -> tuple[Run, Scene, Reference]:
+def checked(demo: tuple[int, str, Path], reference: Reference) -> tuple[Run, Scene, Reference]:
     return read_run(recording(demo[2])), scene_of(demo[2]), reference
 
 
-def verdict(run: Run, scene: Scene, expected: Reference, name: str) -> bool | None:
-    (line,) = (line for line in demo_checks.judge(run, scene, expected) if line.name == name)
+def passes(run: Run, scene: Scene, expected: Reference, name: str) -> bool | None:
+    (line,) = (line for line in demo_checks.check_run(run, scene, expected) if line.name == name)
     return line.ok
 
 
-def test_a_lost_sample_is_seen(judged: tuple[Run, Scene, Reference]) -> None:
-    run = judged[0]
+def test_a_lost_sample_is_detected(checked: tuple[Run, Scene, Reference]) -> None:
+    run = checked[0]
     wrench = run.table("/body_b/wrench")
     fewer = {name: np.delete(column, 7, axis=0) for name, column in wrench.columns.items()}
     run._tables["/body_b/wrench"] = dataclasses.replace(
         wrench, columns=fewer, log_time=np.delete(wrench.log_time, 7)
     )
-    assert verdict(*judged, "samples lost") is False
-    assert verdict(*judged, "samples answered") is False
+    assert passes(*checked, "samples lost") is False
+    assert passes(*checked, "samples processed") is False
 
 
 @pytest.mark.parametrize(
@@ -154,33 +154,33 @@ def test_a_lost_sample_is_seen(judged: tuple[Run, Scene, Reference]) -> None:
         ("samples refused", "status", 1),
     ],
 )
-def test_whatever_is_off_is_judged_so(
-    judged: tuple[Run, Scene, Reference], name: str, field: str, size: float
+def test_an_error_of_each_quantity_is_detected(
+    checked: tuple[Run, Scene, Reference], name: str, field: str, size: float
 ) -> None:
-    run = judged[0]
-    assert verdict(*judged, name) is True
+    run = checked[0]
+    assert passes(*checked, name) is True
     state = run.state
     changed = state[field].copy()
     changed[-1] += np.asarray(size).astype(changed.dtype)
     run._tables[state.topic] = dataclasses.replace(state, columns={**state.columns, field: changed})
-    assert verdict(*judged, name) is False
+    assert passes(*checked, name) is False
 
 
-def test_the_stop_is_judged(tmp_path: Path) -> None:
+def test_a_wrong_stop_time_is_detected(tmp_path: Path) -> None:
     assert main.main(["simulate", "slide_and_spin", f"--output={tmp_path / 'run'}"]) == 0
     run, scene = read_run(tmp_path / "run"), load(scenes.find("slide_and_spin"))
     expected = demo_checks.reference(scene)
-    assert verdict(run, scene, expected, "stop time") is True
+    assert passes(run, scene, expected, "stop time") is True
     state = run.state
     later = np.where(state["stop_time"] >= 0.0, state["stop_time"] + 2e-4, state["stop_time"])
     run._tables[state.topic] = dataclasses.replace(
         state, columns={**state.columns, "stop_time": later}
     )
-    assert verdict(run, scene, expected, "stop time") is False
+    assert passes(run, scene, expected, "stop time") is False
 
 
 def programs(directory: Path, plant: str, connector: str) -> str:
-    """Stand-ins for the two programs; returns a path of cylconn beside them."""
+    """Substitutes for the two programs; returns a path of cylconn in the same directory."""
     for name, code in (("plant", plant), ("connector", connector)):
         path = directory / name
         path.write_text(f"#!{sys.executable} -u\nimport sys, time\n{code}\n")
@@ -192,11 +192,11 @@ def programs(directory: Path, plant: str, connector: str) -> str:
     ("plant", "connector", "words"),
     [
         ("time.sleep(60)", "print('no such parameter'); sys.exit(2)", "no such parameter"),
-        ("print('no answer'); sys.exit(1)", "time.sleep(60)", "plant ended with exit code 1"),
-        ("time.sleep(0.2)", "import os; os.kill(os.getpid(), 11)", "connector ended too early"),
+        ("print('no wrench'); sys.exit(1)", "time.sleep(60)", "plant ended with exit code 1"),
+        ("time.sleep(0.2)", "import os; os.kill(os.getpid(), 11)", "connector ended early"),
     ],
 )
-def test_a_dying_process_is_reported_with_its_words(
+def test_a_process_that_dies_is_reported_with_its_output(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -213,7 +213,7 @@ def test_a_dying_process_is_reported_with_its_words(
     assert words in out
 
 
-def test_an_existing_output_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_existing_output_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(f"--output={tmp_path}") == 2
     assert "never overwritten" in capsys.readouterr().err
 

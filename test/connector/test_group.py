@@ -4,45 +4,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bearings import MASS, OVERLAP, RADIUS, parameters
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.group import Group
 from cylconn_ros.core import layout
-from cylconn_ros.core.anderson import Sooner
-from cylconn_ros.core.least_norm import directions, least_norm
+from cylconn_ros.core.anderson import AndersonAcceleration
+from cylconn_ros.core.least_norm import minimum_norm_operator, range_and_null_space
 from cylconn_ros.scene.scene import SceneError, load, several, shipped
 from cylconn_ros.simulation.group import Bodies, simulate_group
 from cylconn_ros.simulation.simulate import simulate
 
-MASS, RADIUS, OVERLAP = 2.0, 0.02, 0.05
 ARM = 0.5 * OVERLAP
 WEIGHT = MASS * 9.81
 FORCE, MOMENT = slice(layout.FORCE, layout.FORCE + 3), slice(layout.MOMENT, layout.MOMENT + 3)
-
-
-def parameters(places, com=0.0, twist=(0.0,) * 6, **changes):
-    """A shaft in bearings at ``places`` along it, m."""
-    names = [f"at{k}" for k in range(len(places))]
-    found: dict[str, Any] = {
-        "connectors": names,
-        "node_a": {"orientation": [0.0, 0.0, 0.0, 1.0]},
-        "body_b": {
-            "frame": "shaft",
-            "mass": MASS,
-            "com": [com, 0.0, 0.0],
-            "inertia": [0.001, 0.0, 0.0, 0.05, 0.0, 0.05],
-        },
-        "friction": {"coefficient": 0.2, "radius": RADIUS, "overlap": OVERLAP},
-        "plant": {"body_b": {"twist": list(twist)}},
-    }
-    for name, x in zip(names, places, strict=True):
-        found[name] = {
-            "body_a": {"pose": [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]},
-            "node_b": {"position": [x, 0.0, 0.0]},
-        }
-    for key, value in changes.items():
-        found[key] = {**found.get(key, {}), **value} if isinstance(value, dict) else value
-    return found
 
 
 def shaft(*places, **changes):
@@ -51,7 +26,7 @@ def shaft(*places, **changes):
 
 def test_one_alone_is_the_connector_bit_for_bit():
     scene = load(shipped("demo"))
-    run = simulate(scene, 300)
+    run = simulate(scene, samples=300)
     group, connector = Group([scene]), Connector(scene)
     sample = np.zeros(layout.NSAMPLE)
     for state in run.states:
@@ -105,7 +80,7 @@ def test_coulomb_holds_in_each_with_its_own_reactions_of_the_step():
     found = parameters((-0.3, 0.2, 0.4), com=0.05, twist=(0.6, 0.0, 0.0, 25.0, 0.0, 0.0))
     found["at1"] = {**found["at1"], **changes["at1"]}
     run = simulate_group(list(several(found).values()), 400)
-    assert run.turns.max() < 50
+    assert run.iterations.max() < 50
     for k, mu in enumerate((0.2, 0.35, 0.2)):
         outs = run.outs[:, k]
         f, m = outs[:, FORCE], outs[:, MOMENT]
@@ -222,7 +197,7 @@ def test_a_drawer_on_two_slides_loses_energy_to_friction_only_and_always_settles
     run = simulate_group(ring(0.2), 600)
     assert np.all(np.diff(run.energy) < 1e-7)
     assert run.energy[-1] < 0.8 * run.energy[0]
-    assert run.turns.max() < 60  # without acceleration 200 do not do
+    assert run.iterations.max() < 60  # without acceleration 200 do not do
     assert run.outs[:, :, layout.RESIDUAL].max() < 1e-8
     assert run.outs[:, :, layout.OFFSET_VIOLATION].max() < 1e-6
 
@@ -337,9 +312,9 @@ def test_least_norm_is_that_of_singular_values_in_any_units():
     g, like = (jacobian / masses) @ jacobian.T, jacobian @ jacobian.T
     arms = 10.0 ** rng.uniform(-2, 1, size=8)
     b = g @ rng.normal(size=8)
-    x = least_norm(g, like, arms) @ b
+    x = minimum_norm_operator(g, like, arms) @ b
     np.testing.assert_allclose(g @ x, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
-    _, z = directions(like)
+    _, z = range_and_null_space(like)
     assert z.shape[1] == 4
     open_ways, weighed = z / arms[:, None], x / arms
     size = np.linalg.norm(open_ways) * np.linalg.norm(weighed)
@@ -348,7 +323,7 @@ def test_least_norm_is_that_of_singular_values_in_any_units():
 
 def test_a_fixed_point_is_found_sooner_than_by_repetition():
     a = np.array([[-0.95, 0.3], [0.0, 0.9]])
-    x, sooner = np.array([5.0, -3.0]), Sooner()
+    x, sooner = np.array([5.0, -3.0]), AndersonAcceleration()
     turns = 0
     while np.abs(a @ x + 1.0 - x).max() > 1e-12 and turns < 30:
         g = a @ x + 1.0

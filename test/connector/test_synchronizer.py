@@ -1,4 +1,4 @@
-"""Samples from messages: completeness, order, repetition, restarts, axes; everything counted."""
+"""Synchronisation of messages to samples: completeness, order, duplicates, restarts, axes."""
 
 import math
 
@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cylconn_ros.connector.frames import into_world
-from cylconn_ros.connector.synchronizer import INSISTENCE, REORDERING, SampleMatcher
+from cylconn_ros.connector.synchronizer import MIN_OLD_SAMPLES, REORDERING, SampleMatcher
 from cylconn_ros.core import layout
 from cylconn_ros.scene.scene import Scene
 
@@ -31,7 +31,7 @@ def both_free(**changes):
 
 
 def send(m, stamp, body=1, number=0.0):
-    """Pose and twist of a body at a stamp; the answer to the second."""
+    """Pose and twist of a body at a stamp; the result of the second."""
     assert m.pose(body, stamp, "world", (number, *POSE[1:])) is None
     return m.twist(body, stamp, "world", TWIST)
 
@@ -53,7 +53,7 @@ def test_a_sample_is_complete_with_pose_and_twist_of_every_moving_body():
     assert counted(m, samples=1)
 
 
-def test_distinct_numbers_arrive_in_their_places():
+def test_every_number_is_written_to_its_index():
     m = both_free()
     numbers = np.arange(1.0, 27.0).tolist()
     m.pose(0, 1, "", numbers[0:7])
@@ -67,19 +67,19 @@ def test_distinct_numbers_arrive_in_their_places():
     assert m.sample[layout.B_LOAD : layout.B_LOAD + 6].tolist() == list(range(40, 46))
 
 
-def test_a_fixed_body_needs_no_message_and_stands_where_the_scene_says():
+def test_a_fixed_body_needs_no_message_and_has_the_pose_of_the_scene():
     m = matcher(body_a__pose=[7, 8, 9, 0, 0, 0, 1])
     assert send(m, 5) is not None
     assert m.sample[:13].tolist() == [7, 8, 9, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]
 
 
-def test_the_step_between_samples_is_told_in_seconds():
+def test_the_time_between_samples_is_in_seconds():
     m = matcher()
     assert send(m, 3 * MS).h == 0.0
     assert send(m, 5 * MS).h == pytest.approx(0.002)
 
 
-def test_a_newer_complete_sample_overtakes_an_incomplete_one():
+def test_a_newer_complete_sample_drops_an_incomplete_one():
     m = matcher()
     m.pose(1, 1 * MS, "world", POSE)
     assert send(m, 2 * MS).stamp == 2 * MS
@@ -87,7 +87,7 @@ def test_a_newer_complete_sample_overtakes_an_incomplete_one():
     assert counted(m, samples=1, incomplete=1, late=1)
 
 
-def test_interleaved_samples_both_come_out():
+def test_interleaved_samples_are_both_complete():
     m = matcher()
     assert m.pose(1, 1 * MS, "world", POSE) is None
     assert m.pose(1, 2 * MS, "world", POSE) is None
@@ -96,25 +96,25 @@ def test_interleaved_samples_both_come_out():
     assert counted(m, samples=2)
 
 
-def test_a_repeated_stamp_is_answered_again_and_changes_nothing():
+def test_a_duplicate_sample_is_reported_and_changes_nothing():
     m = matcher()
     send(m, 5, number=1.0)
     before = m.sample.copy()
     again = send(m, 5, number=2.0)
     assert again == (5, 0.0, True, False)
     assert np.array_equal(m.sample, before)
-    assert counted(m, samples=1, repeated=2, answered_again=1)
-    assert send(m, 5).repeated  # as often as it is asked
-    assert m.pose(1, 5, "world", POSE) is None  # but not for half a sample
+    assert counted(m, samples=1, duplicate_messages=2, duplicate_samples=1)
+    assert send(m, 5).repeated  # any number of times
+    assert m.pose(1, 5, "world", POSE) is None  # not for a part of the sample
 
 
-def test_the_first_of_two_messages_with_one_stamp_counts():
+def test_the_first_of_two_messages_with_one_stamp_is_used():
     m = matcher()
     m.pose(1, 5, "world", POSE)
     m.pose(1, 5, "world", (9.0, *POSE[1:]))
     m.twist(1, 5, "world", TWIST)
     assert m.sample[layout.B_POSE] == 1.0
-    assert counted(m, samples=1, repeated=1)
+    assert counted(m, samples=1, duplicate_messages=1)
 
 
 def test_a_sample_overtaken_by_the_next_is_late():
@@ -126,7 +126,7 @@ def test_a_sample_overtaken_by_the_next_is_late():
     assert counted(m, samples=3, late=2)
 
 
-def test_stamps_that_jump_back_begin_a_new_history():
+def test_a_long_jump_back_of_the_stamps_is_a_restart():
     m = matcher()
     for k in range(20):
         send(m, k * MS)
@@ -136,49 +136,49 @@ def test_stamps_that_jump_back_begin_a_new_history():
     assert counted(m, samples=22, restarts=1)
 
 
-def test_a_short_jump_back_is_accepted_when_the_source_insists():
+def test_a_short_jump_back_is_a_restart_if_the_old_sample_is_repeated():
     m = matcher()
     for k in range(REORDERING):
         send(m, k * MS)
-    answers = [send(m, 0) for _ in range(INSISTENCE)]  # a plant in lock step asks again
-    assert answers[:-1] == [None] * (INSISTENCE - 1)
-    assert answers[-1].restarted
+    results = [send(m, 0) for _ in range(MIN_OLD_SAMPLES)]  # a plant in lock step repeats it
+    assert results[:-1] == [None] * (MIN_OLD_SAMPLES - 1)
+    assert results[-1].restarted
     assert m.counts.restarts == 1
-    assert m.counts.late == 2 * (INSISTENCE - 1)
+    assert m.counts.late == 2 * (MIN_OLD_SAMPLES - 1)
 
 
-def test_a_short_jump_back_of_a_source_that_goes_on_is_accepted():
+def test_a_short_jump_back_is_a_restart_if_several_old_samples_follow():
     m = matcher()
     for k in range(REORDERING):
         send(m, k * MS)
-    answers = [send(m, k * MS) for k in range(4)]
-    assert [answer is not None for answer in answers] == [False, False, True, True]
-    assert answers[2].restarted
-    assert answers[3] == (3 * MS, 0.001, False, False)
+    results = [send(m, k * MS) for k in range(4)]
+    assert [result is not None for result in results] == [False, False, True, True]
+    assert results[2].restarted
+    assert results[3] == (3 * MS, 0.001, False, False)
 
 
-def test_without_a_period_the_reach_follows_the_stamps():
+def test_without_a_period_the_limit_of_reordering_follows_the_stamps():
     m = matcher(period=0.0)
     send(m, 0)
     send(m, 100 * MS)
     assert send(m, 50 * MS) is None
     m = matcher(period=0.0)
     send(m, 5)
-    assert send(m, 3).restarted  # one sample tells no period
+    assert send(m, 3).restarted  # one sample defines no period
 
 
-def test_forget_begins_anew():
+def test_reset_forgets_stamps_and_incomplete_samples():
     m = matcher()
     send(m, 100 * MS)
     m.pose(1, 101 * MS, "world", POSE)
-    m.forget()
+    m.reset()
     assert m.last_stamp is None
     assert m.twist(1, 101 * MS, "world", TWIST) is None
     assert send(m, 5) == (5, 0.0, False, False)
     assert counted(m, samples=2, incomplete=1)
 
 
-def test_memory_is_bounded_and_what_is_given_up_is_counted():
+def test_memory_is_bounded_and_dropped_samples_are_counted():
     m = matcher()
     for k in range(1000):
         m.pose(1, k * MS, "world", POSE)
@@ -210,17 +210,17 @@ def test_without_tolerance_a_nanosecond_is_another_sample():
 
 
 @pytest.mark.parametrize(
-    ("frame", "default", "turned", "foreign"),
+    ("frame", "default", "turned", "unknown"),
     [
         ("world", "body", False, 0),
         ("body_b", "world", True, 0),
         ("", "world", False, 0),
         ("", "body", True, 0),
         ("odom", "world", False, 1),
-        ("body_a", "body", True, 1),  # the other body's axes are not offered
+        ("body_a", "body", True, 1),  # the other body's frame is not accepted
     ],
 )
-def test_the_frame_says_in_which_axes_twist_and_load_are(frame, default, turned, foreign):
+def test_the_frame_states_the_axes_of_twist_and_load(frame, default, turned, unknown):
     m = matcher(twist_axes=default)
     m.load(1, frame, TWIST)
     m.pose(1, 5, "world", (*POSE[:3], *QUARTER))
@@ -229,10 +229,10 @@ def test_the_frame_says_in_which_axes_twist_and_load_are(frame, default, turned,
     twist = m.sample[layout.B_TWIST : layout.B_TWIST + 6]
     assert twist.tolist() == pytest.approx(expected)
     assert m.sample[layout.B_LOAD : layout.B_LOAD + 6].tolist() == pytest.approx(expected)
-    assert m.counts.foreign_frames == 2 * foreign
+    assert m.counts.unknown_frames == 2 * unknown
 
 
-def test_a_load_in_body_axes_turns_with_the_body_until_the_next():
+def test_a_load_in_body_axes_rotates_with_the_body_until_the_next():
     m = matcher()
     m.load(1, "body_b", TWIST)
     send(m, 1 * MS)
@@ -245,31 +245,31 @@ def test_a_load_in_body_axes_turns_with_the_body_until_the_next():
     assert not m.sample[layout.B_LOAD : layout.B_LOAD + 6].any()
 
 
-def test_a_pose_in_a_foreign_frame_is_counted():
+def test_a_pose_in_an_unknown_frame_is_counted():
     m = matcher()
     m.pose(1, 5, "map", POSE)
-    assert counted(m, foreign_frames=1)
+    assert counted(m, unknown_frames=1)
 
 
-def test_odometry_is_pose_and_twist_in_one_with_the_twist_in_the_child_frame():
+def test_odometry_carries_pose_and_twist_with_the_twist_in_the_child_frame():
     m = matcher(input="odometry")
     pose = (*POSE[:3], *QUARTER)
-    assert m.odometry(1, 5, ("world", "body_b"), pose, TWIST).stamp == 5
+    assert m.motion(1, 5, ("world", "body_b"), pose, TWIST).stamp == 5
     assert m.sample[layout.B_TWIST : layout.B_TWIST + 6].tolist() == pytest.approx(TURNED)
-    m.odometry(1, 6, ("world", "world"), pose, TWIST)
+    m.motion(1, 6, ("world", "world"), pose, TWIST)
     assert m.sample[layout.B_TWIST : layout.B_TWIST + 6].tolist() == pytest.approx(TWIST)
-    assert m.odometry(1, 6, ("world", "body_b"), pose, TWIST).repeated
-    m.odometry(1, 7, ("world", "base_link"), pose, TWIST)
-    assert m.counts.foreign_frames == 1
+    assert m.motion(1, 6, ("world", "body_b"), pose, TWIST).repeated
+    m.motion(1, 7, ("world", "base_link"), pose, TWIST)
+    assert m.counts.unknown_frames == 1
 
 
-def test_the_quaternion_s_length_does_not_matter_to_a_turn():
+def test_the_length_of_the_quaternion_does_not_affect_a_rotation():
     quarter = [7.0 * component for component in QUARTER]
     assert into_world((*POSE[:3], *quarter), TWIST) == pytest.approx(TURNED)
 
 
 @pytest.mark.parametrize("q", [(0.0,) * 4, (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 0.0)])
-def test_a_direction_that_nobody_knows_is_not_a_number(q):
+def test_a_quaternion_without_direction_gives_nan(q):
     assert all(math.isnan(number) for number in into_world((*POSE[:3], *q), TWIST))
 
 
@@ -278,7 +278,7 @@ def test_a_direction_that_nobody_knows_is_not_a_number(q):
     st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).filter(lambda q: math.hypot(*q) > 0.1),
     st.lists(st.floats(-9.0, 9.0), min_size=6, max_size=6),
 )
-def test_turning_there_and_back_gives_the_same(q, pair):
+def test_a_rotation_and_its_inverse_give_the_same_pair(q, pair):
     turned = into_world([0.0] * 3 + q, pair)
     assert np.hypot.reduce(turned[:3]) == pytest.approx(np.hypot.reduce(pair[:3]), abs=1e-9)
     back = into_world([0.0] * 3 + [-q[0], -q[1], -q[2], q[3]], turned)
@@ -286,23 +286,23 @@ def test_turning_there_and_back_gives_the_same(q, pair):
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 60)), max_size=300))
-def test_whatever_arrives_every_message_is_accounted_for(arrivals):
-    """Samples ascend within a history, and no message vanishes."""
+def test_every_message_is_part_of_a_sample_or_counted(arrivals):
+    """Stamps ascend within a history, and every message is used or counted."""
     m = both_free()
     last = None
     for stream, stamp in arrivals:
-        take = m.twist if stream % 2 else m.pose
-        matched = take(stream // 2, stamp * MS, "world", TWIST if stream % 2 else POSE)
-        if matched is None:
+        process = m.twist if stream % 2 else m.pose
+        found = process(stream // 2, stamp * MS, "world", TWIST if stream % 2 else POSE)
+        if found is None:
             continue
-        if last is not None and not matched.restarted:
-            assert matched.repeated == (matched.stamp == last)
-            assert matched.stamp >= last
-        last = matched.stamp
+        if last is not None and not found.restarted:
+            assert found.repeated == (found.stamp == last)
+            assert found.stamp >= last
+        last = found.stamp
     c = m.counts
     assert sum(m.received.values()) == len(arrivals)
-    under_construction = sum(slot.seen.bit_count() for slot in m._pending.values())
-    given_up = len(arrivals) - 4 * c.samples - c.repeated - c.late - under_construction
-    assert c.incomplete <= given_up <= 3 * c.incomplete
+    incomplete = sum(slot.received.bit_count() for slot in m._pending.values())
+    dropped = len(arrivals) - 4 * c.samples - c.duplicate_messages - c.late - incomplete
+    assert c.incomplete <= dropped <= 3 * c.incomplete
     assert len(m._pending) <= 64
     assert len(m._old) <= 8

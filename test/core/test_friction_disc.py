@@ -69,13 +69,13 @@ def test_table_is_bilinear_and_constant_beyond_its_ends() -> None:
     assert friction.coefficient(one, np.array([0.0, 1.0, 0.33]), 5.0, 5.0) == pytest.approx(0.33)
 
 
-def three_answers() -> slip_curve.Disc:
+def three_answers() -> slip_curve.DiscProblem:
     """m=1, v=1, h=1 ms, mu=0.5, L=0.1, d=0.2, N0=1 N, 1 N.m of bending against friction's arm.
 
     f2 = 1 N; the bending moment is 1 - 0.2 |f1| (friction acts through the arm d): with 2/L = 20,
     FN = 1 + 20 |1 - 0.2 P|.
     """
-    return slip_curve.disc_problem(
+    return slip_curve.make_disc_problem(
         (1.0, 0.0),
         (1.0, 0.0),
         1e-3,
@@ -100,19 +100,19 @@ def test_three_answers() -> None:
 
 def test_other_answers() -> None:
     """Where bounds want another answer: next to stick, or of least traction after stick too."""
-    resting = friction_disc.solve_otherwise(law(0.5), PAR, three_answers(), False)
+    resting = friction_disc.solve_alternative(law(0.5), PAR, three_answers(), False)
     assert resting.regime == STICK
     assert resting.phi == pytest.approx((-1000.0, 0.0))
-    sliding = friction_disc.solve_otherwise(law(0.5), PAR, three_answers(), True)
+    sliding = friction_disc.solve_alternative(law(0.5), PAR, three_answers(), True)
     assert (sliding.regime, sliding.flags) == (SLIP, SEVERAL_ROOTS)
     assert sliding.phi == pytest.approx((-3.5, 0.0), abs=1e-12)
-    unstuck = friction_disc.solve_otherwise(law(0.001), PAR, three_answers(), False)
+    unstuck = friction_disc.solve_alternative(law(0.001), PAR, three_answers(), False)
     assert (unstuck.regime, unstuck.flags) == (SLIP, 0)
 
 
 def test_spin_frees_the_slide() -> None:
     """One disc, not a box: slide and spin share the limit by the slip direction."""
-    problem = slip_curve.disc_problem(
+    problem = slip_curve.make_disc_problem(
         (3.0, 4.0), (3.0, 4.0), 1e-6, 0.0, 1e-6, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
     )
     found = friction_disc.solve_disc(law(0.5), PAR, problem, False)
@@ -121,7 +121,7 @@ def test_spin_frees_the_slide() -> None:
 
 
 def test_nothing_pressing_is_no_friction() -> None:
-    free = slip_curve.disc_problem(
+    free = slip_curve.make_disc_problem(
         (1.0, 2.0), (1.0, 2.0), 1.0, 0.0, 1.0, *[(0.0, 0.0, 0.0, 0.0)] * 3
     )
     found = friction_disc.solve_disc(law(), PAR, free, False)
@@ -131,7 +131,7 @@ def test_nothing_pressing_is_no_friction() -> None:
 def test_self_locking_stops_within_the_step() -> None:
     """FN grows faster than friction: no finite sliding force, stick under any push."""
     for push in (1.0, 1e3, 1e6):
-        problem = slip_curve.disc_problem(
+        problem = slip_curve.make_disc_problem(
             (1.0, 0.0), (push, 0.0), 1e-3, 0, 1.0, (1.0, 0, 0, 0), (0.0, 0, 0.2, 0), (0.0, 0, 0, 0)
         )
         found = friction_disc.solve_disc(law(0.5), PAR, problem, False)  # c = 0.5 * 20 * 0.2 = 2
@@ -140,7 +140,9 @@ def test_self_locking_stops_within_the_step() -> None:
         assert found.phi[0] == pytest.approx(-1e3 * push)
 
 
-def problems(seed: int, n: int) -> Iterator[tuple[Law, friction_disc.Disc, np.ndarray, bool]]:
+def problems(
+    seed: int, n: int
+) -> Iterator[tuple[Law, friction_disc.DiscProblem, np.ndarray, bool]]:
     """Random problems over wide scales, jams and vanishing normal forces among them."""
     rng = np.random.default_rng(seed)
     for _ in range(n):
@@ -164,7 +166,7 @@ def problems(seed: int, n: int) -> Iterator[tuple[Law, friction_disc.Disc, np.nd
                 bending=float(rng.choice([0.0, 1.0, 20.0])),
                 preload=float(rng.choice([0, 1, -1])) * scale * 10 ** rng.uniform(-2, 1),
             ),
-            slip_curve.disc_problem(
+            slip_curve.make_disc_problem(
                 tuple(s_minus), tuple(s_minus + push), s[0, 0], s[0, 1], s[1, 1],
                 tuple(base), tuple(c1), tuple(c2),
             ),
@@ -173,7 +175,7 @@ def problems(seed: int, n: int) -> Iterator[tuple[Law, friction_disc.Disc, np.nd
         )  # fmt: skip
 
 
-def normal_force(law_: Law, d: friction_disc.Disc, phi: np.ndarray) -> np.ndarray:
+def normal_force(law_: Law, d: friction_disc.DiscProblem, phi: np.ndarray) -> np.ndarray:
     """FN of phi (2, n), written again."""
     f = [d.base[i] + d.c1[i] * phi[0] + d.c2[i] * phi[1] for i in range(4)]
     pressed = np.hypot(f[0], f[1]) + law_.bending * np.hypot(f[2], f[3]) + law_.preload
@@ -213,7 +215,9 @@ def test_the_law_holds_and_the_named_root_is_taken() -> None:
     assert sticks > 300
 
 
-def least_scanned(law_: Law, d: friction_disc.Disc, s: np.ndarray, was_stick: bool) -> float | None:
+def least_scanned(
+    law_: Law, d: friction_disc.DiscProblem, s: np.ndarray, was_stick: bool
+) -> float | None:
     """The least traction at which limit - |phi| changes sign, on a fine grid."""
     values, vectors = np.linalg.eigh(s)
     for theta in (1.0,) if was_stick else (0.5, 1.0):
@@ -237,7 +241,7 @@ def least_scanned(law_: Law, d: friction_disc.Disc, s: np.ndarray, was_stick: bo
 def test_inertias_beyond_rounding_end_too() -> None:
     """70 t with an inertia of 1e-9 kg m^2 leave S indefinite by rounding: still an answer."""
     law_ = law(0.067, static=0.096, decay=0.476, rate_slope=0.0138, bending=4.17, preload=0.008)
-    problem = slip_curve.disc_problem(
+    problem = slip_curve.make_disc_problem(
         (-96.12008971843107, -0.9044862930735948),
         (-84.99906539980135, -10.257228859332232),
         7.13899e-07,
@@ -254,13 +258,13 @@ def test_inertias_beyond_rounding_end_too() -> None:
 
 def test_a_held_component_at_rest_does_not_hide_the_other() -> None:
     """Both held, spin at rest: slide's friction is the limit, in either search."""
-    held = slip_curve.disc_problem(
+    held = slip_curve.make_disc_problem(
         (1.0, 0.0), (6e-15, 0.0), 0.0, 0.0, 0.0, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
     )
     for found in (
         friction_disc.solve_disc(law(0.5), PAR, held, False),
-        friction_disc.solve_otherwise(law(0.5), PAR, held, False),
-        friction_disc.solve_otherwise(law(0.5), PAR, held, True),
+        friction_disc.solve_alternative(law(0.5), PAR, held, False),
+        friction_disc.solve_alternative(law(0.5), PAR, held, True),
     ):
         assert found.regime == SLIP
         assert found.phi == pytest.approx((-5.0, 0.0))

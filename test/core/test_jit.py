@@ -52,7 +52,7 @@ def scenes() -> dict[str, Scene]:
 
 def answers(scene: Scene) -> tuple[Any, Any, Any]:
     """(N, NOUT) answers, (N, 26) states and (N,) energies of the closed loop of ``scene``."""
-    run = simulate(scene, SAMPLES)
+    run = simulate(scene, samples=SAMPLES)
     samples = np.zeros((SAMPLES, layout.NSAMPLE))
     samples[:, layout.MOTION] = run.states
     samples[40, 3] = np.nan  # refused in passing

@@ -130,11 +130,11 @@ def test_twenty_turns_are_counted() -> None:
     scene = bundled("twenty_turns")
     from cylconn_ros.simulation.simulate import simulate
 
-    run = simulate(scene, round(scene.plant.duration / scene.period) + 1)
-    assert run.state("rotation")[-1] == pytest.approx(40.0 * math.pi, rel=1e-9)
-    expected = run.state("angle") - scene.reference.angle
-    np.testing.assert_allclose(run.state("material_rotation"), expected, rtol=1e-13)
-    assert np.all(np.diff(run.state("angle")) > 0.0)
+    run = simulate(scene, samples=round(scene.plant.duration / scene.period) + 1)
+    assert run["rotation"][-1] == pytest.approx(40.0 * math.pi, rel=1e-9)
+    expected = run["angle"] - scene.reference.angle
+    np.testing.assert_allclose(run["material_rotation"], expected, rtol=1e-13)
+    assert np.all(np.diff(run["angle"]) > 0.0)
     assert not np.any(run.outs[:, layout.FLAGS].astype(int) & layout.TURN_AMBIGUOUS)
 
 

@@ -84,8 +84,8 @@ def test_every_scene_of_the_library_stays_bounded(name: str) -> None:
     """
     scene = short(name)
     steps = max(60, min(600, round(1.0 / scene.period)))
-    prompt = simulate(scene, steps)
-    turnover = np.ptp(prompt.energy) + prompt.state("energy_exchanged")[-1]
+    prompt = simulate(scene, samples=steps)
+    turnover = np.ptp(prompt.energy) + prompt["energy_exchanged"][-1]
     for late in (1, 5):
         fall = unheld(scene, late)
         for latency in (late, -1):
@@ -109,7 +109,7 @@ def test_every_scene_of_the_library_stays_bounded(name: str) -> None:
 def test_violation_is_as_without_delay(integration: str) -> None:
     """Once settled; and without the prediction the same run diverges."""
     scene = dataclasses.replace(short("demo"), plant_integration=integration)
-    prompt = simulate(scene, 600).state("offset_violation")[300:].max()
+    prompt = simulate(scene, samples=600)["offset_violation"][300:].max()
     for late in (1, 2, 3, 5):
         assert through(scene, late, 600, late).offset[300:].max() < 1.5 * prompt + 1e-12
     if integration == "exact":
@@ -121,9 +121,9 @@ def test_the_latency_is_measured() -> None:
     scene = short("demo")
     for late in (0, 1, 2, 4, 8):
         run = through(scene, late, 400, -1, 0.1)
-        assert run.connector.memory[model.LATE] == late
+        assert run.connector.memory[model.MEASURED_LATENCY] == late
     changed = through(scene, 3, 300, -1).connector
-    assert changed.memory[model.LATE] == 3.0
+    assert changed.memory[model.MEASURED_LATENCY] == 3.0
 
 
 def test_kinematics_are_the_samples_own() -> None:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scenes import bundled
 from scipy.spatial.transform import Rotation
 
-from cylconn_ros.bench.stability.criteria import look
+from cylconn_ros.bench.stability.criteria import joint_motion
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
-from cylconn_ros.laws.runs_recorded_or_simulated import broken
+from cylconn_ros.laws.runs import first_violation
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant
 
@@ -52,7 +52,7 @@ def test_stick_does_not_pull_a_body_back(name: str, late: int) -> None:
     scene = scene_of(name, late)
     states, outs = teleported(scene, 200, late, np.array(SHIFT))
     assert outs[99, layout.REGIME] == layout.STICK
-    seen = look(scene, states).length
+    seen = joint_motion(scene, states).length
     assert abs(seen[100] - seen[99]) > 0.09
     assert seen[-1] == pytest.approx(seen[100], abs=2e-3)
     assert np.abs(outs[100:, layout.VELOCITY]).max() < 0.01
@@ -84,7 +84,7 @@ def test_the_laws_hold_across_a_jump(name: str) -> None:
     """The checker knows of it too."""
     scene = scene_of(name)
     states, outs = teleported(scene, 300, 0, np.array(SHIFT))
-    assert broken(dataclasses.replace(scene, method="impulse"), states, outs) == ""
+    assert first_violation(dataclasses.replace(scene, method="impulse"), states, outs) == ""
 
 
 def test_what_is_on_its_way_is_known_after_stamps_went_back() -> None:
@@ -102,8 +102,8 @@ def test_what_is_on_its_way_is_known_after_stamps_went_back() -> None:
     memory = connector.memory
     went_on = connector.step(sample)[layout.FORCE : layout.FORCE + 3].copy()
     connector.memory = memory
-    connector.begin_anew()
-    assert connector.memory[model.STARTED] == 0.0
+    connector.reset(keep_in_flight=True)
+    assert connector.memory[model.HAS_REFERENCE] == 0.0
     anew = connector.step(sample)[layout.FORCE : layout.FORCE + 3].copy()
     np.testing.assert_allclose(anew[1:], went_on[1:], rtol=0.05, atol=0.05)
     connector.memory = memory
@@ -128,7 +128,7 @@ def test_latency_is_measured_where_samples_are_lost(late: int) -> None:
             out = connector.step(sample, gone * scene.period if k else 0.0)
             gone = 0
             last = out[: layout.STATE0].copy()
-            found.append(connector.late)
+            found.append(connector.latency)
             energy.append(plant.energy())
             balance.append(out[layout.PASSIVITY_BALANCE])
         way.append(last)

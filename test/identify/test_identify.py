@@ -1,4 +1,4 @@
-"""``cylconn identify``: on synthetic recordings with noise the truth lies inside the intervals."""
+"""Identification of synthetic recordings with noise: the intervals contain the true values."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identify import cubics
-from cylconn_ros.identify.friction import identify
-from cylconn_ros.identify.kinetic import Law, Loads, fit
+from cylconn_ros.identify.friction import estimate_friction
+from cylconn_ros.identify.kinetic import ContactLoads, FrictionLaw, fit_law
 from cylconn_ros.identify.windows import Windows
-from cylconn_ros.recording.samples import Sampled
+from cylconn_ros.recording.samples import RecordedSample
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant
 
 Array = NDArray[np.float64]
 
-# docs/identify.md: IDENTIFY_SEEDS=200 is the long form.
+# docs/how_to/identify.md: IDENTIFY_SEEDS=200 is the long form.
 SEEDS = int(os.environ.get("IDENTIFY_SEEDS", "30"))
-SURE = 1e-3  # chance of a false alarm, a parameter
+FALSE_ALARM = 1e-3  # probability of a false alarm per parameter
 NOISE = (1e-3, 5e-3, 1e-5, 1e-4)  # m/s, rad/s, m, rad: standard deviations of a component
 
 FRICTION: dict[str, Any] = {
@@ -53,39 +53,39 @@ def motion_of(
 
 
 def measured(samples: Array, seed: int, bodies: str = "b", size: float = 1.0) -> Array:
-    """What sensors with white noise see of samples."""
-    rng, seen = np.random.default_rng(seed), samples.copy()
-    n = len(seen)
+    """Add white sensor noise to samples."""
+    rng, noisy = np.random.default_rng(seed), samples.copy()
+    n = len(noisy)
     v, w, x, q = (size * one for one in NOISE)
     for body in bodies:
         pose, twist = (
             (layout.A_POSE, layout.A_TWIST) if body == "a" else (layout.B_POSE, layout.B_TWIST)
         )
-        seen[:, pose : pose + 3] += x * rng.standard_normal((n, 3))
+        noisy[:, pose : pose + 3] += x * rng.standard_normal((n, 3))
         turn = 0.5 * q * rng.standard_normal((n, 3))
-        axis, real = seen[:, pose + 3 : pose + 6].copy(), seen[:, pose + 6 : pose + 7].copy()
-        seen[:, pose + 3 : pose + 6] += real * turn + np.cross(turn, axis)
-        seen[:, pose + 6] -= (turn * axis).sum(axis=1)
-        seen[:, twist : twist + 3] += v * rng.standard_normal((n, 3))
-        seen[:, twist + 3 : twist + 6] += w * rng.standard_normal((n, 3))
-    return seen
+        axis, real = noisy[:, pose + 3 : pose + 6].copy(), noisy[:, pose + 6 : pose + 7].copy()
+        noisy[:, pose + 3 : pose + 6] += real * turn + np.cross(turn, axis)
+        noisy[:, pose + 6] -= (turn * axis).sum(axis=1)
+        noisy[:, twist : twist + 3] += v * rng.standard_normal((n, 3))
+        noisy[:, twist + 3 : twist + 6] += w * rng.standard_normal((n, 3))
+    return noisy
 
 
-def sampled(rows: Array, times: NDArray[Any]) -> list[Sampled]:
-    """Samples as they come out of a recording."""
-    gaps = np.diff(times, prepend=times[0])
+def sampled(rows: Array, times: NDArray[Any]) -> list[RecordedSample]:
+    """Return samples as of a recording."""
+    periods = np.diff(times, prepend=times[0])
     return [
-        Sampled(round(t * 1e9), float(h), False, row)
-        for t, h, row in zip(times, gaps, rows, strict=True)
+        RecordedSample(round(t * 1e9), float(h), False, row)
+        for t, h, row in zip(times, periods, rows, strict=True)
     ]
 
 
-def evenly(rows: Array, h: float = 1e-3) -> list[Sampled]:
+def evenly(rows: Array, h: float = 1e-3) -> list[RecordedSample]:
     return sampled(rows, np.arange(len(rows)) * h)
 
 
 def pushed(static: float | None, steps: int = 2000, turn: float = 0.1) -> tuple[Scene, Array]:
-    """A sleeve at rest, pushed and turned harder and harder until it gives way, and back."""
+    """A sleeve at rest, with a growing force and moment until it breaks away, and back."""
     parts = {"static_coefficient": static, "decay": 200.0} if static else {}
     scene = sleeve(friction={**FRICTION["friction"], **parts})
 
@@ -111,11 +111,11 @@ def recordings() -> dict[str, tuple[Scene, Array, str, dict[str, float]]]:
 
 
 @pytest.mark.parametrize("name", ["spinning and sliding", "two free bodies", "coasting", "pushed"])
-def test_intervals_hold_the_truth_as_often_as_stated(name: str) -> None:
+def test_intervals_contain_the_true_value_as_often_as_stated(name: str) -> None:
     scene, motion, bodies, truth = recordings()[name]
-    errors: dict[str, list[float]] = {key: [] for key in truth}  # over half the interval
+    errors: dict[str, list[float]] = {key: [] for key in truth}  # relative to half the interval
     for seed in range(SEEDS):
-        found = identify(scene, evenly(measured(motion, seed, bodies)))
+        found = estimate_friction(scene, evenly(measured(motion, seed, bodies)))
         for key, value in truth.items():
             e = found.estimates[key]
             assert e.found, e.note
@@ -125,24 +125,24 @@ def test_intervals_hold_the_truth_as_often_as_stated(name: str) -> None:
     for key, values in errors.items():
         inside = int(np.sum(np.array(values) <= 1.0))
         print(f"{name}: {key} {inside} of {len(values)}")
-        assert inside >= binom.ppf(SURE, len(values), 0.95), key
-        if key != "static_coefficient":  # whose interval is meant to be cautious
-            assert inside <= binom.ppf(1.0 - SURE, len(values), 0.95), key
-            # Half of the errors are less than 0.34 of the half interval: it is not much too wide.
+        assert inside >= binom.ppf(FALSE_ALARM, len(values), 0.95), key
+        if key != "static_coefficient":  # its interval is conservative
+            assert inside <= binom.ppf(1.0 - FALSE_ALARM, len(values), 0.95), key
+            # The expected median is 0.34 of the half interval: it is not much too wide.
             assert np.median(values) > 0.2, key
 
 
-def test_without_noise_it_finds_what_was_put_in() -> None:
+def test_without_noise_the_estimates_are_exact() -> None:
     scene, motion, _, truth = recordings()["spinning and sliding"]
-    found = identify(scene, evenly(motion))
+    found = estimate_friction(scene, evenly(motion))
     for key, value in truth.items():
         e = found.estimates[key]
         assert e.value == pytest.approx(value, rel=2e-3)
         assert e.low <= value <= e.high
 
 
-def test_the_parameters_are_only_where_the_search_begins() -> None:
-    """Wrong friction parameters in the recording do not change what is found."""
+def test_the_result_does_not_depend_on_the_start_values() -> None:
+    """Wrong friction parameters in the recording do not change the estimates."""
     scene, motion, _, _ = recordings()["spinning and sliding"]
     wrong = scene.parameters() | {
         "friction.coefficient": 0.5,
@@ -151,16 +151,19 @@ def test_the_parameters_are_only_where_the_search_begins() -> None:
         "friction.preload": 0.0,
     }
     seen = evenly(measured(motion, 1))
-    right, other = identify(scene, seen), identify(Scene.from_parameters(wrong), seen)
+    right, other = (
+        estimate_friction(scene, seen),
+        estimate_friction(Scene.from_parameters(wrong), seen),
+    )
     for key, e in right.estimates.items():
         if e.found:
             assert other.estimates[key].value == pytest.approx(e.value, abs=0.2 * (e.high - e.low))
 
 
-def test_noise_does_not_bend_the_law() -> None:
-    """Forces of noise in the normal force: a plain fit finds less friction, this one does not."""
+def test_noise_does_not_bias_the_law() -> None:
+    """Noise in the normal force: a plain fit underestimates friction, this one does not."""
     rng = np.random.default_rng(1)
-    n, law = 4000, Law(0.3, 2.0, 20.0, 0.02)
+    n, law = 4000, FrictionLaw(0.3, 2.0, 20.0, 0.02)
     radial, moment, way = rng.uniform(2.0, 12.0, n), rng.uniform(0.05, 0.4, n), rng.uniform(0, 6, n)
     s = np.column_stack([np.cos(way), np.sin(way) / law.radius])
     limit = law.coefficient * law.normal(radial, moment)
@@ -178,15 +181,15 @@ def test_noise_does_not_bend_the_law() -> None:
         rates=s,
         ends=np.stack([s, s], axis=1),
         rate_noise=np.zeros((n, 2)),
-        stretch=np.zeros(n, dtype=np.intp),
+        segment=np.zeros(n, dtype=np.intp),
         intervals=np.ones(n, dtype=np.intp),
-        kinks=0,
+        rejected=0,
     )
-    loads = Loads.of(w)
-    found = fit(w, loads, Law(0.2, 0.0, 10.0, 0.03), range(4))
+    loads = ContactLoads.of(w)
+    found = fit_law(w, loads, FrictionLaw(0.2, 0.0, 10.0, 0.03), range(4))
     off = (found.law.vector - law.vector) / np.sqrt(np.diag(found.covariance))
     assert np.abs(off).max() < 3.5, off
-    # The plain fit: sizes as they are, P on Fr, Mbend and 1.
+    # Plain fit: P over the measured Fr, Mbend and 1.
     sizes_seen = np.hypot(wrench[:, [1, 4]], wrench[:, [2, 5]])
     along = -(wrench[:, 0] * np.cos(way) + wrench[:, 3] / law.radius * np.sin(way))
     plain = np.linalg.lstsq(np.column_stack([sizes_seen, np.ones(n)]), along, rcond=None)[0]
@@ -196,26 +199,26 @@ def test_noise_does_not_bend_the_law() -> None:
 
 def test_a_cubics_slope_has_the_stated_noise() -> None:
     times = np.asarray(np.linspace(0.0, 1.0, 201), dtype=np.float64)[None]
-    slope = cubics.fits(times).slope[0]
+    slope = cubics.fit_cubics(times).slope[0]
     assert slope @ times[0] ** 2 == pytest.approx(1.0)  # d(t^2)/dt at 0.5
     assert np.square(slope).sum() == pytest.approx(75.0 / 200**3 / 0.005**2, rel=0.05)
 
 
-def test_noise_is_told_from_motion() -> None:
+def test_noise_is_separated_from_motion() -> None:
     rng = np.random.default_rng(2)
     time = np.cumsum(rng.uniform(0.5e-3, 2e-3, 6000))
     mixed = np.array([[1.0, 0.0], [0.6, 0.2]])
     noise = rng.standard_normal((6000, 2)) @ mixed.T
     seen = np.column_stack([300.0 * np.sin(20.0 * time), 50.0 * time**2]) + noise
-    assert cubics.noise(time, seen) == pytest.approx(mixed @ mixed.T, abs=0.06)
+    assert cubics.noise_covariance(time, seen) == pytest.approx(mixed @ mixed.T, abs=0.06)
 
 
-# --- what a motion does not show ---
+# Parameters that a motion does not excite
 
 
-def test_what_is_not_excited_is_said_and_not_estimated() -> None:
+def test_parameters_without_excitation_are_not_estimated() -> None:
     scene, motion, _, _ = recordings()["coasting"]
-    found = identify(scene, evenly(measured(motion, 3)))
+    found = estimate_friction(scene, evenly(measured(motion, 3)))
     notes = {name: e.note for name, e in found.estimates.items() if not e.found}
     assert "hardly spins" in notes["radius"]
     assert "no bending moment beyond noise" in notes["overlap"]
@@ -224,16 +227,19 @@ def test_what_is_not_excited_is_said_and_not_estimated() -> None:
     assert found.estimates["preload"].value == 5.0
 
 
-def test_only_mu_times_radius_shows_in_a_spin() -> None:
+def test_a_spin_determines_only_mu_times_radius() -> None:
     scene = sleeve(spin=40.0, com=(0.0, 0.01, 0.0), **FRICTION)
-    found = identify(scene, evenly(measured(motion_of(scene, 600), 4)))
+    found = estimate_friction(scene, evenly(measured(motion_of(scene, 600), 4)))
     assert "shows mu R alone" in found.estimates["radius"].note
 
 
 def test_known_parameters_narrow_the_others() -> None:
     scene, motion, _, _ = recordings()["spinning and sliding"]
     seen = evenly(measured(motion, 5))
-    free, held = identify(scene, seen), identify(scene, seen, {"preload": 4.0, "overlap": 0.08})
+    free, held = (
+        estimate_friction(scene, seen),
+        estimate_friction(scene, seen, {"preload": 4.0, "overlap": 0.08}),
+    )
     assert held.estimates["preload"].note == "assumed, as given"
     widths = [
         r.estimates["coefficient"].high - r.estimates["coefficient"].low for r in (free, held)
@@ -244,39 +250,39 @@ def test_known_parameters_narrow_the_others() -> None:
 
 def test_rest_bounds_the_static_coefficient_from_below() -> None:
     scene = bundled("demo")  # comes to rest on 12 degrees
-    found = identify(scene, evenly(motion_of(scene, 4500)))
+    found = estimate_friction(scene, evenly(motion_of(scene, 4500)))
     assert 0.15 < found.static.bound < 0.2
     assert f"at least {found.static.bound:.4g}" in found.estimates["static_coefficient"].note
 
 
-def test_stops_are_left_out() -> None:
-    """A sleeve thrown to and fro between stops: their force is no friction."""
+def test_stops_are_skipped() -> None:
+    """A sleeve that bounces between stops, whose force is not friction."""
     scene = sleeve(
         v=2.0, l0=0.0, stops={"l_min": -0.1, "l_max": 0.1, "restitution": 0.9}, **FRICTION
     )
-    found = identify(scene, evenly(measured(motion_of(scene, 700), 6)))
+    found = estimate_friction(scene, evenly(measured(motion_of(scene, 700), 6)))
     e = found.estimates["coefficient"]
-    assert found.left_out["at a stop or lock"] > 5
+    assert found.skipped["at a stop or lock"] > 5
     assert e.low <= 0.2 <= e.high
     assert e.high - e.low < 0.1
 
 
-# --- refusals ---
+# Errors
 
 
-def test_no_slip_is_an_error_with_the_numbers() -> None:
+def test_no_slip_is_an_error_that_states_the_slip_rate() -> None:
     scene = sleeve(**FRICTION)
     with pytest.raises(IdentifyError, match=r"too little slip .* 0 windows of slip"):
-        identify(scene, evenly(measured(motion_of(scene, 300), 1)))
+        estimate_friction(scene, evenly(measured(motion_of(scene, 300), 1)))
 
 
-def test_two_samples_at_least() -> None:
+def test_a_single_sample_is_an_error() -> None:
     with pytest.raises(IdentifyError, match="1 complete samples: a motion is needed"):
-        identify(sleeve(**FRICTION), evenly(motion_of(sleeve(**FRICTION), 1)))
+        estimate_friction(sleeve(**FRICTION), evenly(motion_of(sleeve(**FRICTION), 1)))
 
 
 def test_a_motion_without_friction_is_an_error() -> None:
     scene = sleeve(v=1.0, spin=5.0, com=(0.0, 0.01, 0.0))
     scene = dataclasses.replace(scene, friction=dataclasses.replace(scene.friction, radius=0.02))
     with pytest.raises(IdentifyError, match="no friction shows"):
-        identify(scene, evenly(measured(motion_of(scene, 600), 1)))
+        estimate_friction(scene, evenly(measured(motion_of(scene, 600), 1)))

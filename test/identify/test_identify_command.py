@@ -1,4 +1,4 @@
-"""``cylconn identify``: what it prints, writes and refuses, on bags of whoever."""
+"""``cylconn identify``: output, files, errors, and recordings of other software."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from scenes import bundled
 from test_identify import measured, motion_of
 
 from cylconn_ros.cli.main import main
+from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identify.recording import identify_recording
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,7 @@ def test_the_table(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert float(rows["L"][1]) == pytest.approx(0.08, rel=1e-2)
     assert rows["R"][-1] == "m"
     assert "windows" in text
+    assert "skipped     1 (first sample)" in text
     assert "taken as known: mass, inertia and nodes" in text
     assert "next:" in text
 
@@ -50,11 +53,11 @@ def test_json_and_picture(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert found["estimates"]["friction.static_coefficient"]["value"] is None
     capsys.readouterr()
     assert main(["identify", str(bag), "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["samples"] == 2000
+    assert json.loads(capsys.readouterr().out)["samples"] == 2001
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "error"),
     [
         (["--known", "mass=1"], "must be one of preload, overlap, radius"),
         (["--known", "radius=-1"], "must be finite and > 0"),
@@ -62,11 +65,11 @@ def test_json_and_picture(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     ],
 )
 def test_wrong_options(
-    bag: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    bag: Path, options: list[str], error: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
         main(["identify", str(bag), *options])
-    assert said in capsys.readouterr().err
+    assert error in capsys.readouterr().err
 
 
 def test_the_inertia_must_be_known(
@@ -84,7 +87,7 @@ def test_the_inertia_must_be_known(
 
 
 def test_a_recording_of_the_real_node(capsys: pytest.CaptureFixture[str]) -> None:
-    """With jitter, losses, repeats and messages out of order (bags/README.md)."""
+    """With jitter, lost, repeated and reordered messages (bags/README.md)."""
     lossy = BAGS / "lossy"
     assert main(["identify", str(lossy), "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)["estimates"]
@@ -95,10 +98,25 @@ def test_a_recording_of_the_real_node(capsys: pytest.CaptureFixture[str]) -> Non
         assert high - low < 0.02 * value
 
 
+def test_the_function_gives_the_result_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    bag = BAGS / "lossy"
+    found = identify_recording(bag, known={"preload": None, "radius": 0.02})
+    assert found["preload"].value == 4.0
+    assert found["coefficient"].low <= 0.2 <= found["coefficient"].high
+    known = ["--known", "preload", "--known", "radius=0.02"]
+    assert main(["identify", str(bag), *known, "--json", "-"]) == 0
+    mu = json.loads(capsys.readouterr().out)["estimates"]["friction.coefficient"]
+    assert mu["interval_95"] == [found["coefficient"].low, found["coefficient"].high]
+    with pytest.raises(IdentifyError, match="no estimate 'mu'; available: coefficient, preload"):
+        found["mu"]
+    with pytest.raises(IdentifyError, match="'mass' is not one of preload, overlap, radius"):
+        identify_recording(bag, known={"mass": 1.0})
+
+
 def test_a_bag_of_other_software_at_uneven_rates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Odometry, written with rosbags under another name, with parameters from a file."""
+    """Odometry on another topic, written by rosbags, with parameters from a file."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

@@ -1,4 +1,4 @@
-"""The express lane is only faster: whatever comes in whatever order, the answers are the same."""
+"""The fast path (known prefix, fused call) gives the responses and counts of the reference path."""
 
 import ctypes
 import functools
@@ -15,27 +15,26 @@ from pipelines import MS, Loop, make
 from ros_processes import Listener, Source, parameters, program
 
 from cylconn_ros.core import layout
-from cylconn_ros.messages import cdr_decoder, statistics
+from cylconn_ros.messages import cdr_decoder, prefix, statistics
 from cylconn_ros.messages.cdr_encoder import OdometryWriter, StampedWriter
-from cylconn_ros.messages.pipeline import Answering
-from cylconn_ros.messages.prefix import STREAM_OF, Forms
+from cylconn_ros.messages.pipeline import MessagePipeline
+from cylconn_ros.messages.prefix import PrefixTable
 from cylconn_ros.ros.executor import fused, rcl
-from cylconn_ros.ros.executor.fused import Straight
-from cylconn_ros.ros.executor.sequence_numbers import Gaps
+from cylconn_ros.ros.executor.fused import FusedPath
+from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
+from cylconn_ros.scene.inputs import STREAM_NUMBER
 from cylconn_ros.scene.scene import Scene
 
 NAMES = ("body_a/pose", "body_a/twist", "body_b/pose", "body_b/twist")
-# Where the computing time stands in the bytes of a state: nothing else may differ.
-TIME = 8 * (layout.COMPUTING_TIME - layout.STATE0)
-
-
 ODOMETRIES = ("body_a/odom", "body_b/odom")
+# Offset of the computing time in the state block; no other byte of a state may differ.
+TIME = 8 * (layout.COMPUTING_TIME - layout.STATE0)
 
 
 def messages(
     rng: random.Random, count: int, names: Sequence[str] = NAMES
 ) -> list[tuple[str, bytes]]:
-    """Messages of a motion, with all that can happen to them on their way."""
+    """Messages of ``count`` samples with transport faults, other frames and damaged bytes."""
     found: list[tuple[str, bytes]] = []
     frames = {"pose": ["world"] * 30 + ["", "map"], "twist": ["world"] * 30 + ["", "body_b", "x"]}
     children = ["body_b"] * 30 + ["world", "", "x"]
@@ -63,14 +62,14 @@ def messages(
             load = StampedWriter(rng.choice(["world", "body_b"])).write(stamp, np.ones(6))
             sample.insert(rng.randrange(len(sample) + 1), ("body_b/load", load))
         found += sample
-    for _ in range(count // 20):  # overtaken on the way
+    for _ in range(count // 20):  # overtaken on the transport
         at = rng.randrange(len(found) - 5)
         found.insert(at + rng.randrange(5), found.pop(at))
     return found
 
 
 def big_endian(data: bytes) -> bytes:
-    """The same message as a machine of the other byte order writes it."""
+    """The same message as encoded by a big-endian machine."""
     seconds, nanoseconds, length = struct.unpack_from("<iII", data, 4)
     text = data[16 : 16 + length]
     at = 16 + length + (4 - (16 + length)) % 8
@@ -79,19 +78,20 @@ def big_endian(data: bytes) -> bytes:
     return head.ljust(at, b"\0") + struct.pack(f">{len(numbers)}d", *numbers)
 
 
-def serve(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, Answering]:
-    answering = Answering(scene)
+def process(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, MessagePipeline]:
+    """The responses to messages in their order, states without computing time."""
+    pipeline = MessagePipeline(scene)
     found = []
     for name, data in stream:
-        answer = answering.inputs[name].receive(data)
-        if answer is not None:
-            state = None if answer.state is None else without_time(2, answer.state)[1]
-            found.append((*answer[:3], state, answer.joint_state))
-    return found, answering
+        response = pipeline.inputs[name].receive(data)
+        if response is not None:
+            state = None if response.state is None else without_time(2, response.state)[1]
+            found.append((*response[:3], state, response.joint_state))
+    return found, pipeline
 
 
 def without_time(k: int, data: bytes) -> tuple[int, bytes]:
-    """Message ``k`` of an answer, a state without its computing time."""
+    """Message ``k`` of a response, a state without its computing time."""
     if k != 2:
         return k, data
     block = data.index(b"body_a") + 12  # "body_a" and a zero, aligned to 8
@@ -99,7 +99,7 @@ def without_time(k: int, data: bytes) -> tuple[int, bytes]:
 
 
 def motion(seed: int, **changes: Any) -> tuple[Scene, tuple[str, ...]]:
-    """A scene, with odometry for some seeds, and the names of its inputs."""
+    """A scene, with odometry for some seeds, and the names of its inputs of motion."""
     odometry = seed % 3 == 2
     scene = make(
         friction__coefficient=0.2, input="odometry" if odometry else "pose_twist", **changes
@@ -107,16 +107,21 @@ def motion(seed: int, **changes: Any) -> tuple[Scene, tuple[str, ...]]:
     return scene, ODOMETRIES if odometry else NAMES
 
 
+def use_reference_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no message have a known prefix."""
+    monkeypatch.setattr(PrefixTable, "prefix_of", lambda *_: None)
+
+
 @pytest.mark.parametrize("seed", range(9))
-def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
+def test_responses_and_counts_are_those_of_the_reference_path(seed, monkeypatch):
     scene, names = motion(seed, stamp_tolerance=1e-6 if seed > 6 else 0.0)
     stream = messages(random.Random(seed), 400, names)
-    by_express, first = serve(scene, stream)
-    monkeypatch.setattr(Forms, "of", lambda *_: None)
-    ordinarily, second = serve(scene, stream)
-    assert len(by_express) > 100
-    assert by_express == ordinarily
-    first.lane.give_back(first._ordinary)
+    responses, first = process(scene, stream)
+    use_reference_path(monkeypatch)
+    expected, second = process(scene, stream)
+    assert len(responses) > 100
+    assert responses == expected
+    first.decoder.replay_pending(first._use_reference_path)
     assert first.matcher.counts == second.matcher.counts
     assert first.matcher.received == second.matcher.received
     assert first.health.undecodable == second.health.undecodable > 0
@@ -124,12 +129,12 @@ def test_answers_and_counts_are_those_of_the_ordinary_way(seed, monkeypatch):
 
 
 class Middleware:
-    """Give messages in their order and keep what is published, called by address as rcl is."""
+    """Give messages in their order and keep published ones; called by address, as rcl is."""
 
     def __init__(
-        self, stream: list[tuple[str, bytes]], names: Sequence[str], listened: set[int]
+        self, stream: list[tuple[str, bytes]], names: Sequence[str], subscribed: set[int]
     ) -> None:
-        self.left, self.names, self.listened = list(stream), names, listened
+        self.left, self.names, self.subscribed = list(stream), names, subscribed
         self.published: list[tuple[int, bytes]] = []
         self.sent = dict.fromkeys(names, 0)
         self._buffers: list[ctypes.Array] = []
@@ -153,62 +158,65 @@ class Middleware:
         return 0
 
     def _count(self, publisher: int, count: int, *_: int) -> int:
-        ctypes.cast(count, ctypes.POINTER(ctypes.c_int64))[0] = int(publisher in self.listened)
+        ctypes.cast(count, ctypes.POINTER(ctypes.c_int64))[0] = int(publisher in self.subscribed)
         return 0
 
 
-def serve_straight(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, Answering, int]:
-    """The same through the compiled call, and how many samples went straight."""
-    answering, gone = Answering(scene), [0]
-    names = [name for name in answering.inputs if name in STREAM_OF]
+def process_fused(
+    scene: Scene, stream: list[tuple[str, bytes]]
+) -> tuple[list[tuple[int, bytes]], MessagePipeline, int]:
+    """As :func:`process` through the fused call: published messages, and its number of samples."""
+    pipeline, fused_samples = MessagePipeline(scene), [0]
+    names = [name for name in pipeline.inputs if name in STREAM_NUMBER]
     middleware = Middleware(stream, names, {2})
-    answering.wanted = lambda name: name == "~/state"
+    pipeline.wanted = lambda name: name == "~/state"
 
-    def answered(samples: int) -> None:
-        gone[0] += samples
-        stamp, before, begun = way.told[fused.STAMP : fused.STAMP + 3]
-        answering.went_on(stamp, before if begun else None, samples)
+    def on_samples(samples: int) -> None:
+        fused_samples[0] += samples
+        stamp, previous, has_previous = path.status[fused.STAMP : fused.STAMP + 3]
+        pipeline.advance(stamp, previous if has_previous else None, samples)
 
     def receive(name: str, data: bytes) -> bool:
-        answer = answering.inputs[name].receive(data)
-        for k, message in enumerate(answer[1:] if answer is not None else ()):
+        response = pipeline.inputs[name].receive(data)
+        for k, message in enumerate(response[1:] if response is not None else ()):
             if message is not None:
                 middleware.published.append((k, message))
-        return answer is not None
+        return response is not None
 
     inputs = [
         fused.Input(
-            SimpleNamespace(handle=SimpleNamespace(pointer=k)), STREAM_OF[name],
-            functools.partial(receive, name), Gaps(lambda count: pytest.fail(f"{count} lost")),
+            SimpleNamespace(handle=SimpleNamespace(pointer=k)), STREAM_NUMBER[name],
+            functools.partial(receive, name),
+            SequenceNumbers(lambda count: pytest.fail(f"{count} lost")),
         )
         for k, name in enumerate(names)
     ]  # fmt: skip
     publishers = [SimpleNamespace(pointer=k) for k in range(4)]
-    way = Straight(inputs, publishers, answering.parts, answered)
+    path = FusedPath(inputs, publishers, pipeline.parts, on_samples)
     for at, function in zip(
-        (rcl.TAKE, rcl.PUBLISH, rcl.LISTENERS), middleware.functions, strict=True
+        (rcl.TAKE, rcl.PUBLISH, rcl.SUBSCRIBERS), middleware.functions, strict=True
     ):
-        way._memory.addresses[at] = ctypes.cast(function, ctypes.c_void_p).value
+        path._calls.addresses[at] = ctypes.cast(function, ctypes.c_void_p).value
     while middleware.left:
         if middleware.left[0][0] not in names:
             name, data = middleware.left.pop(0)
-            answering.inputs[name].receive(data)
-        way.take(lambda error: pytest.fail(str(error)))
-    answering.lane.give_back(answering._ordinary)
-    way._inbox = rcl.Inbox(0)  # whose bytes were ours
-    return middleware.published, answering, gone[0]
+            pipeline.inputs[name].receive(data)
+        path.take(lambda error: pytest.fail(str(error)))
+    pipeline.decoder.replay_pending(pipeline._use_reference_path)
+    path._received = rcl.ReceiveBuffers(0)  # the buffers were the test's own
+    return middleware.published, pipeline, fused_samples[0]
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_straight_way_publishes_what_the_ordinary_one_does(seed, monkeypatch):
+def test_the_fused_path_publishes_the_outputs_of_the_reference_path(seed, monkeypatch):
     scene, names = motion(seed, period=0.0 if seed == 4 else 0.001)
     stream = messages(random.Random(seed), 400, names)
-    published, first, gone = serve_straight(scene, stream)
-    monkeypatch.setattr(Forms, "of", lambda *_: None)
-    found, second = serve(scene, stream)
-    assert gone > 50
+    published, first, samples = process_fused(scene, stream)
+    use_reference_path(monkeypatch)
+    found, second = process(scene, stream)
+    assert samples > 50
     assert [without_time(k, data) for k, data in published] == [
-        (k, data) for answer in found for k, data in enumerate(answer[1:4]) if data is not None
+        (k, data) for response in found for k, data in enumerate(response[1:4]) if data is not None
     ]
     assert first.matcher.counts == second.matcher.counts
     assert first.matcher.received == second.matcher.received
@@ -220,56 +228,61 @@ def test_the_straight_way_publishes_what_the_ordinary_one_does(seed, monkeypatch
     np.testing.assert_array_equal(first.connector.memory, second.connector.memory)
 
 
-def test_samples_that_are_alike_take_it(monkeypatch):
+def test_messages_with_a_known_prefix_are_not_decoded(monkeypatch):
     loop = Loop(make())
     loop.step()
-    monkeypatch.setattr(cdr_decoder, "read_pose", lambda _: pytest.fail("decoded"))
-    monkeypatch.setattr(cdr_decoder, "read_twist", lambda _: pytest.fail("decoded"))
+    monkeypatch.setattr(cdr_decoder, "read_input", lambda *_: pytest.fail("decoded"))
     for _ in range(5):
         loop.step()
-    assert loop.answering.matcher.counts.samples == 6
-    assert loop.answering.matcher.received["body_b/twist"] == 6
+    assert loop.pipeline.matcher.counts.samples == 6
+    assert loop.pipeline.matcher.received["body_b/twist"] == 6
 
 
-def test_what_is_held_in_vain_is_counted_in_the_end():
+def test_flush_counts_the_messages_of_an_incomplete_sample():
     loop = Loop(make())
     loop.step()
     for name, data in list(loop.exchange.messages(loop.plant.time_ns, loop.plant.state))[:3]:
-        assert loop.answering.inputs[name].receive(data) is None
-    assert loop.answering.matcher.received["body_b/pose"] == 1
-    loop.answering.settle()
-    loop.answering.settle()
-    assert loop.answering.matcher.received["body_b/pose"] == 2
-    assert loop.answering.matcher.received["body_b/twist"] == 1
-    assert loop.sample() is not None  # the first three came twice
+        assert loop.pipeline.inputs[name].receive(data) is None
+    assert loop.pipeline.matcher.received["body_b/pose"] == 1
+    loop.pipeline.flush()
+    loop.pipeline.flush()
+    assert loop.pipeline.matcher.received["body_b/pose"] == 2
+    assert loop.pipeline.matcher.received["body_b/twist"] == 1
+    assert loop.sample() is not None  # the first three are duplicates
 
 
-def test_a_form_needs_numbers_where_they_belong():
-    forms = Forms(make())
+def test_a_prefix_requires_aligned_little_endian_numbers_at_the_end():
+    table, stream = PrefixTable(make()), STREAM_NUMBER["body_a/pose"]
     message = StampedWriter("world", 7).write(5, np.arange(7.0))
-    form = forms.of(0, message)
-    assert form is not None
-    assert form.numbers[:2].tolist() == [len(message) - 56, len(message)]
-    assert forms.of(0, message + b"\0") is None
-    assert forms.of(0, big_endian(message)) is None
-    assert forms.of(0, b"\0\1\0\0") is None
+    found = table.prefix_of(stream, message)
+    assert found is not None
+    assert (found.numbers, found.size) == (len(message) - 56, len(message))
+    assert table.prefix_of(stream, message + b"\0") is None
+    assert table.prefix_of(stream, big_endian(message)) is None
+    assert table.prefix_of(stream, b"\0\1\0\0") is None
+    long_frame = StampedWriter("w" * 8 * prefix.MAX_WORDS, 7).write(5, np.arange(7.0))
+    assert table.prefix_of(stream, long_frame) is None
+    table.learn(stream, message)
+    assert table.size(stream) == len(message)
+    table.learn(stream, long_frame)
+    assert table.size(stream) == -1
 
 
 LACKING = """
-from cylconn_ros.ros.connector import node as connector_node
-from cylconn_ros.ros.executor import executor as loop
-loop.missing = lambda node: "WaitSet.wait"
-raise SystemExit(connector_node.main())
+from cylconn_ros.ros.connector import node
+from cylconn_ros.ros.executor import executor
+executor.missing = lambda _: "WaitSet.wait"
+raise SystemExit(node.main())
 """
 
 
-def test_without_the_private_interface_the_executor_serves_and_it_is_said(peer, tmp_path):
+def test_without_rclpys_private_interface_its_executor_serves_and_the_log_states_so(peer, tmp_path):
     with program(
         [sys.executable, "-c", LACKING, *parameters("timeout:=.inf")], tmp_path
     ) as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 1 * MS)
-        listener.answer(source, 2 * MS)
-        text = "this rclpy has no WaitSet.wait: samples are served by its executor, which is slower"
+        listener.exchange(source, 1 * MS)
+        listener.exchange(source, 2 * MS)
+        text = "rclpy has no WaitSet.wait: samples are processed by its own executor"
         assert text in running.output
         assert running.stop() == 0

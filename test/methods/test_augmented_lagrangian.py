@@ -26,7 +26,7 @@ def unknown(scene: Scene, method: str = "augmented_lagrangian", **gains: Any) ->
 
 
 def run(scene: Scene, duration: float) -> Run:
-    return simulate(scene, round(duration / scene.period) + 1)
+    return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
 def lowered(found: Run) -> np.ndarray:
@@ -38,9 +38,9 @@ def test_at_rest_it_does_not_give() -> None:
     scene = sleeve(mass=2.0, v=0.1, friction=FRICTION)
     penalty = run(unknown(scene, "penalty"), 1.5)
     found = run(unknown(scene), 1.5)
-    assert penalty.state("offset_violation")[-1] == pytest.approx(2.0 * 9.81 / 2e5, rel=1e-6)
-    assert found.state("offset_violation")[-1] < 1e-12
-    assert found.state("normal_force")[-1] == pytest.approx(2.0 * 9.81, rel=1e-9)
+    assert penalty["offset_violation"][-1] == pytest.approx(2.0 * 9.81 / 2e5, rel=1e-6)
+    assert found["offset_violation"][-1] < 1e-12
+    assert found["normal_force"][-1] == pytest.approx(2.0 * 9.81, rel=1e-9)
     assert not lowered(found).any()
 
 
@@ -48,9 +48,9 @@ def test_it_coasts_to_rest_as_far_as_penalty_does() -> None:
     """Case 1; the sag at the start has friction off its value for a few hundredths of a second."""
     friction = {"coefficient": 0.2, "radius": 0.02, "preload": 5.0}
     found = run(unknown(sleeve(mass=2.0, v=1.0, friction=friction)), 1.0)
-    assert found.state("displacement")[-1] == pytest.approx(0.2030868, rel=5e-4)
+    assert found["displacement"][-1] == pytest.approx(0.2030868, rel=5e-4)
     assert found.outs[-1, layout.REGIME] == STICK
-    assert np.ptp(found.state("displacement")[-200:]) < 1e-6
+    assert np.ptp(found["displacement"][-200:]) < 1e-6
 
 
 def test_friction_is_the_penalty_methods() -> None:
@@ -58,16 +58,16 @@ def test_friction_is_the_penalty_methods() -> None:
     scene = unknown(sleeve(shaft=about_y(0.1), friction=FRICTION), stick_stiffness=1e5)
     found = run(scene, 1.0)
     weight = 2.0 * 9.81 * math.sin(0.1)
-    assert found.state("force")[-1, 0] == pytest.approx(-weight, rel=1e-4)
-    assert found.state("displacement")[-1] == pytest.approx(weight / 1e5, rel=0.05)
+    assert found["force"][-1, 0] == pytest.approx(-weight, rel=1e-4)
+    assert found["displacement"][-1] == pytest.approx(weight / 1e5, rel=0.05)
     sliding = run(unknown(sleeve(v=1.0, spin=30.0, friction=FRICTION)), 0.1)
     slip = sliding.outs[:, layout.REGIME] == SLIP
     assert slip.sum() > 50
-    traction, limit = sliding.state("traction"), sliding.state("friction_limit")
+    traction, limit = sliding["traction"], sliding["friction_limit"]
     np.testing.assert_allclose(traction[slip], limit[slip], rtol=1e-12)
-    phi = sliding.state("force_friction")[slip], sliding.state("moment_friction")[slip] / 0.02
-    power = phi[0] * sliding.state("slip_velocity")[slip, 0]
-    power += phi[1] * sliding.state("slip_velocity")[slip, 1]
+    phi = sliding["force_friction"][slip], sliding["moment_friction"][slip] / 0.02
+    power = phi[0] * sliding["slip_velocity"][slip, 0]
+    power += phi[1] * sliding["slip_velocity"][slip, 1]
     assert power[0] == 0.0  # nothing presses yet: the spring is at rest
     assert np.all(power[1:] < 0.0)
 
@@ -115,11 +115,11 @@ def test_unstable_gains_are_lowered(stiffness: float, damping: float) -> None:
     scene = sleeve(mass=2.0, inertia=[2.0 * arm, 0.0, 0.0, 2.0 * arm, 0.0, 2.0 * arm], v=0.1)
     diverged = run(unknown(scene, "penalty", **gains), 2.0)
     assert np.any(diverged.outs[:, layout.STATUS] != layout.OK) or (
-        diverged.state("offset_violation").max() > 1.0
+        diverged["offset_violation"].max() > 1.0
     )
     found = run(unknown(scene, **gains), 4.0)
     assert lowered(found)[-1]
-    violation = found.state("offset_violation")
+    violation = found["offset_violation"]
     assert violation.max() < 3e-3
     assert violation[-1] < 0.1 * violation.max()
     assert np.all(found.outs[:, layout.STATUS] == layout.OK)
@@ -130,16 +130,16 @@ def test_a_gain_asked_for_is_used_until_it_proves_unstable() -> None:
     for rho, lower in ((0.1, False), (0.5, True)):
         found = run(unknown(sleeve(mass=2.0, v=0.1), multiplier_gain=rho), 2.0)
         assert lowered(found).any() == lower
-        assert found.state("offset_violation")[-1] < 1e-9
+        assert found["offset_violation"][-1] < 1e-9
 
 
 def test_passivity_account_is_bounded() -> None:
     """W less the spring's energy: at most the pull-in work and 1 % of the energy exchanged."""
     found = run(unknown(sleeve(mass=2.0, v=0.5, spin=10.0, com=(0.01, 0.002, 0.0))), 1.0)
-    stored = 0.5 * GAINS["stiffness"] * found.state("offset_violation") ** 2
-    stored += 0.5 * GAINS["rotational_stiffness"] * found.state("angular_violation") ** 2
+    stored = 0.5 * GAINS["stiffness"] * found["offset_violation"] ** 2
+    stored += 0.5 * GAINS["rotational_stiffness"] * found["angular_violation"] ** 2
     pull_in = stored.max()
-    balance, exchanged = found.state("passivity_balance"), found.state("energy_exchanged")
+    balance, exchanged = found["passivity_balance"], found["energy_exchanged"]
     assert np.all(balance + stored <= pull_in + 0.01 * exchanged)
 
 

@@ -27,7 +27,7 @@ def textbook(scene: Scene, **parameters: float) -> Scene:
 
 
 def run(scene: Scene, duration: float) -> Run:
-    return simulate(scene, round(duration / scene.period) + 1)
+    return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
 def test_its_own_equations_are_met() -> None:
@@ -38,14 +38,14 @@ def test_its_own_equations_are_met() -> None:
     scene = Scene.from_parameters(
         {**scene.parameters(), "reference.offsets": "zero", "reference.pull_in_speed": 1e3}
     )
-    found = simulate(scene, 3)
-    rates = np.column_stack([found.state("velocity"), found.state("angular_velocity")])
+    found = simulate(scene, samples=3)
+    rates = np.column_stack([found["velocity"], found["angular_velocity"]])
     measured = (rates[1] - rates[0])[[1, 2, 4, 5]] / h
-    error = np.array([*found.state("offset")[0], *-found.state("misalignment")[0]])
+    error = np.array([*found["offset"][0], *-found["misalignment"][0]])
     wanted = -2.0 * 30.0 * rates[0][[1, 2, 4, 5]] - 50.0**2 * error
     assert np.linalg.norm(error) > 0.03
     np.testing.assert_allclose(measured, wanted, rtol=1e-4, atol=1e-2)
-    assert found.state("residual").max() < 1e-12
+    assert found["residual"].max() < 1e-12
 
 
 def test_distance_and_turns_are_of_first_order() -> None:
@@ -54,7 +54,7 @@ def test_distance_and_turns_are_of_first_order() -> None:
     errors = []
     for h in PERIODS:
         found = run(textbook(with_period(scene, h)), 5.0)
-        at_stop = found.state("displacement")[round(expected.stop_time / h)]
+        at_stop = found["displacement"][round(expected.stop_time / h)]
         errors.append(abs(at_stop - expected.distance))
     assert 0.7 < order(PERIODS, errors) < 1.3
     assert errors[2] < 0.02
@@ -66,7 +66,7 @@ def test_two_free_bodies_are_of_first_order(friction: dict[str, float]) -> None:
     errors = []
     for h in PERIODS[2:] + [1.25e-4]:
         found = run(textbook(with_period(pair(friction=friction), h)), 0.2)
-        errors.append(abs(found.state("displacement")[-1] - expected.distance))
+        errors.append(abs(found["displacement"][-1] - expected.distance))
     assert order(PERIODS[2:] + [1.25e-4], errors) > 0.9
     assert errors[-1] < 1e-3
 
@@ -74,13 +74,11 @@ def test_two_free_bodies_are_of_first_order(friction: dict[str, float]) -> None:
 def test_the_constraint_drifts_no_further_than_the_feedback_lets_it() -> None:
     """Offsets of second order or better; without feedback to speak of they run away."""
     scene = with_period(pair(friction=FRICTION), 1e-3)
-    held = run(textbook(scene), 1.0).state("offset_violation")
-    loose = run(textbook(scene, alpha=1e-3, beta=1e-3), 1.0).state("offset_violation")
+    held = run(textbook(scene), 1.0)["offset_violation"]
+    loose = run(textbook(scene, alpha=1e-3, beta=1e-3), 1.0)["offset_violation"]
     assert held.max() < 1e-5
     assert loose[-1] > 100.0 * held.max()
-    errors = [
-        run(textbook(with_period(scene, h)), 0.4).state("offset_violation").max() for h in PERIODS
-    ]
+    errors = [run(textbook(with_period(scene, h)), 0.4)["offset_violation"].max() for h in PERIODS]
     assert order(PERIODS, errors) > 1.8
 
 
@@ -97,7 +95,7 @@ def test_friction_uses_the_normal_force_of_the_same_instant() -> None:
     found = run(textbook(scene, regularisation_velocity=v0), 0.0)
     share = 1.0 / math.hypot(1.0, v0)
     c = share * 2.0 * mu * d / overlap
-    assert found.state("force")[0, 0] == pytest.approx(-share * mu * 3.0 / (1.0 - c), rel=1e-12)
+    assert found["force"][0, 0] == pytest.approx(-share * mu * 3.0 / (1.0 - c), rel=1e-12)
 
 
 def test_of_several_solutions_it_takes_the_least() -> None:
@@ -111,7 +109,7 @@ def test_of_several_solutions_it_takes_the_least() -> None:
         plant={"body_b": {"load": [0.0, 0.0, 0.0, 0.0, -1.0, 0.0]}},
     )
     found = run(textbook(scene, regularisation_velocity=1e-9), 0.0)
-    assert found.state("force")[0, 0] == pytest.approx(-3.5, rel=1e-9)
+    assert found["force"][0, 0] == pytest.approx(-3.5, rel=1e-9)
 
 
 @pytest.mark.parametrize("preload", [30.0, -8.0])
@@ -122,11 +120,11 @@ def test_laws_of_balance_disc_and_dissipation(scene: object, preload: float) -> 
     start = scene(v=0.5, spin=20.0, friction=friction)  # type: ignore[operator]
     values = {**start.parameters(), "wrench.axes": "world"}
     found = run(textbook(Scene.from_parameters(values)), 0.5)
-    assert np.all(found.state("traction") <= found.state("friction_limit") * (1.0 + 1e-12))
-    assert found.state("friction_limit").max() <= 11.0
-    slip = found.state("slip_velocity")
-    power = found.state("force_friction") * slip[:, 0]
-    power += found.state("moment_friction") / 0.02 * slip[:, 1]
+    assert np.all(found["traction"] <= found["friction_limit"] * (1.0 + 1e-12))
+    assert found["friction_limit"].max() <= 11.0
+    slip = found["slip_velocity"]
+    power = found["force_friction"] * slip[:, 0]
+    power += found["moment_friction"] / 0.02 * slip[:, 1]
     assert np.all(power <= 0.0)
     assert power.min() < -1.0
     outs, states = found.outs, found.states
@@ -140,10 +138,9 @@ def test_laws_of_balance_disc_and_dissipation(scene: object, preload: float) -> 
     np.testing.assert_allclose(about[0], -about[1], rtol=0.0, atol=1e-12 * scale)
     for total, parts in (("force", "force"), ("moment", "moment")):
         added = sum(
-            found.state(f"{parts}_{part}")
-            for part in ("elastic", "viscous", "friction", "actuation")
+            found[f"{parts}_{part}"] for part in ("elastic", "viscous", "friction", "actuation")
         )
-        np.testing.assert_allclose(found.state(total)[:, 0], added, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(found[total][:, 0], added, rtol=1e-12, atol=1e-15)
 
 
 def test_it_creeps_where_it_should_hold() -> None:
@@ -154,7 +151,7 @@ def test_it_creeps_where_it_should_hold() -> None:
     for v0, h in ((0.05, 1e-3), (0.1, 1e-3), (1e-9, 1e-3), (1e-9, 5e-4)):
         scene = with_period(sleeve(shaft=about_y(slope), friction=friction), h)
         found = run(textbook(scene, regularisation_velocity=v0), 1.0)
-        speeds.append(found.state("velocity")[-1, 0])
+        speeds.append(found["velocity"][-1, 0])
         assert found.outs[-1, layout.REGIME] == STICK
     share = math.tan(slope) / 0.3
     assert speeds[0] == pytest.approx(0.05 * share / math.sqrt(1.0 - share**2), rel=1e-6)
@@ -174,7 +171,7 @@ def test_a_jam_stops_within_a_period() -> None:
     found = run(textbook(scene), 0.2)
     assert int(found.outs[0, layout.FLAGS]) & JAMMED
     assert found.outs[0, layout.REGIME] == STICK
-    assert abs(found.state("velocity")[1, 0]) < 0.02
+    assert abs(found["velocity"][1, 0]) < 0.02
     assert np.all(np.isfinite(found.outs))
     assert found.energy[-1] < found.energy[0]
 
@@ -183,8 +180,8 @@ def test_a_large_error_is_pulled_in_at_a_bounded_speed() -> None:
     scene = sleeve(node_a={"position": [0.0, 0.0, 0.1]}, reference={"offsets": "zero"})
     found = run(textbook(scene), 0.5)
     assert int(found.outs[0, layout.FLAGS]) & MISALIGNED
-    assert np.abs(found.state("velocity")[:, 2]).max() <= 0.1 * (1.0 + 1e-3)
-    assert run(textbook(scene), 1.5).state("offset_violation")[-1] < 1e-6
+    assert np.abs(found["velocity"][:, 2]).max() <= 0.1 * (1.0 + 1e-3)
+    assert run(textbook(scene), 1.5)["offset_violation"][-1] < 1e-6
 
 
 def test_a_lean_model_is_the_full_one_with_zeros() -> None:

@@ -13,7 +13,7 @@ from scenes import about_y, bundled, merged, order, pair, rotation, sleeve, with
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.core.layout import SLIP, STICK
-from cylconn_ros.methods.predicted_end import TURNS
+from cylconn_ros.methods.predicted_end import MIN_TURN
 from cylconn_ros.reference import free_pair, slide_and_spin
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant
@@ -24,7 +24,7 @@ PERIODS = [4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4]
 
 
 def run(scene: Scene, duration: float) -> Run:
-    return simulate(scene, round(duration / scene.period) + 1)
+    return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
 def wrenches(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,17 +93,17 @@ def test_parts_add_up_component_by_component() -> None:
     found = run(scene, 0.2)
     for total, name in (("force", "force"), ("moment", "moment")):
         parts = sum(
-            found.state(f"{name}_{part}")
+            found[f"{name}_{part}"]
             for part in ("elastic", "viscous", "friction", "actuation", "reaction")
         )
-        np.testing.assert_allclose(parts, found.state(total)[:, 0], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(parts, found[total][:, 0], rtol=1e-12, atol=1e-14)
         for part in ("elastic", "viscous", "friction"):
-            assert np.abs(found.state(f"{name}_{part}")).max() > 0.0
+            assert np.abs(found[f"{name}_{part}"]).max() > 0.0
     for part in ("radial_force", "bending_force", "normal_force"):
-        assert found.state(part).min() > 0.0
+        assert found[part].min() > 0.0
     np.testing.assert_allclose(
-        found.state("normal_force"),
-        found.state("radial_force") + found.state("bending_force") + 0.5,
+        found["normal_force"],
+        found["radial_force"] + found["bending_force"] + 0.5,
     )
 
 
@@ -170,7 +170,7 @@ def test_the_world_may_be_turned() -> None:
     )  # fmt: skip
     one, other = run(plain, 0.2), run(tilted, 0.2)
     np.testing.assert_allclose(one.outs[:, 6:12], other.outs[:, 6:12], atol=1e-9)
-    np.testing.assert_allclose(one.state("displacement"), other.state("displacement"), atol=1e-12)
+    np.testing.assert_allclose(one["displacement"], other["displacement"], atol=1e-12)
 
 
 def test_a_lean_model_is_the_full_one_with_zeros() -> None:
@@ -196,16 +196,16 @@ def test_second_order_on_the_fixed_shaft() -> None:
         found = run(with_period(scene, h), 4.0)
         errors.append(
             [
-                abs(found.state("displacement")[-1] - reference.distance),
-                abs(found.state("rotation")[-1] / (2.0 * math.pi) - reference.turns),
-                found.state("offset_violation").max(),
-                found.state("velocity_violation").max(),
+                abs(found["displacement"][-1] - reference.distance),
+                abs(found["rotation"][-1] / (2.0 * math.pi) - reference.turns),
+                found["offset_violation"].max(),
+                found["velocity_violation"].max(),
             ]
         )
         assert found.outs[-1, layout.REGIME] == STICK
     orders = [order(PERIODS, list(column)) for column in np.array(errors).T]
     assert min(orders) > 1.8, orders
-    slow = [k for k, h in enumerate(PERIODS) if 60.0 * h < TURNS]  # beyond, the end is foreseen
+    slow = [k for k, h in enumerate(PERIODS) if 60.0 * h < MIN_TURN]  # beyond, the end is foreseen
     assert order([PERIODS[k] for k in slow], [errors[k][2] for k in slow]) > 2.8, "third order"
 
 
@@ -221,8 +221,8 @@ def test_second_order_on_two_free_bodies(friction: dict) -> None:
         com_b = state[13:16] + rotation(state[16:20]) @ np.array(scene.body_b.com)
         errors.append(
             [
-                abs(found.state("displacement")[-1] - reference.distance),
-                abs(found.state("rotation")[-1] - reference.angle),
+                abs(found["displacement"][-1] - reference.distance),
+                abs(found["rotation"][-1] - reference.angle),
                 np.abs(com_b - reference.com_b).max(),
             ]
         )
@@ -257,7 +257,7 @@ def test_driven_body_a_bead_on_a_turning_rod() -> None:
     errors = []
     for h in PERIODS:
         found = run(with_period(Scene.from_parameters(values), h), 1.0)
-        errors.append(abs(found.state("length")[-1] - 0.2 * math.cosh(2.0)))
+        errors.append(abs(found["length"][-1] - 0.2 * math.cosh(2.0)))
     assert order(PERIODS, errors) > 1.8
     assert errors[2] < 1e-5
 
@@ -268,7 +268,7 @@ def test_spring_and_damper_on_the_slide() -> None:
     scene = sleeve(mass=m, v=v0, elasticity={"k1": k}, damping={"c1": c})
     decay, beat = c / (2 * m), math.sqrt(k / m - (c / (2 * m)) ** 2)
     expected = v0 / beat * math.exp(-decay) * math.sin(beat)
-    found = [run(with_period(scene, h), 1.0).state("displacement")[-1] for h in PERIODS]
+    found = [run(with_period(scene, h), 1.0)["displacement"][-1] for h in PERIODS]
     errors = [abs(x - expected) for x in found]
     assert order(PERIODS, errors) > 1.8
 
@@ -276,7 +276,7 @@ def test_spring_and_damper_on_the_slide() -> None:
 def test_a_stiff_spring_stays_bounded() -> None:
     """Springs are implicit: k h^2/m = 1e6 is no harm."""
     found = run(sleeve(v=1.0, elasticity={"k1": 2e12}), 0.5)
-    assert np.abs(found.state("displacement")).max() < 1e-3
+    assert np.abs(found["displacement"]).max() < 1e-3
 
 
 # --- stick ---
@@ -287,7 +287,7 @@ def test_stick_does_not_creep_on_moving_bodies() -> None:
     scene = pair(v=0.0, spin=0.0, friction={**FRICTION, "coefficient": 3.0, "preload": 50.0})
     found = run(scene, 5.0)
     assert np.all(found.outs[:, layout.REGIME] == STICK)
-    moved = found.state("displacement")
+    moved = found["displacement"]
     assert np.ptp(moved[100:]) < 1e-8
     assert abs(moved[-1]) < 1e-6
     assert int(found.outs[-1, layout.FLAGS]) & layout.STOPPED
@@ -296,8 +296,8 @@ def test_stick_does_not_creep_on_moving_bodies() -> None:
 def test_stick_holds_to_the_last_digit_on_a_fixed_shaft() -> None:
     scene = sleeve(shaft=about_y(0.1), friction=FRICTION, com=(0.01, 0.0005, 0.0))
     found = run(scene, 10.0)
-    assert np.ptp(found.state("displacement")) < 1e-16
-    assert np.ptp(found.state("rotation")) < 1e-13
+    assert np.ptp(found["displacement"]) < 1e-16
+    assert np.ptp(found["rotation"]) < 1e-13
 
 
 def test_static_friction_breaks_away_at_its_own_limit() -> None:
@@ -313,4 +313,4 @@ def test_static_friction_breaks_away_at_its_own_limit() -> None:
         found = run(scene, 1.0)
         assert found.outs[-1, layout.REGIME] == regime
         if regime == SLIP:
-            assert found.state("friction_coefficient")[-1] == pytest.approx(0.2, rel=1e-6)
+            assert found["friction_coefficient"][-1] == pytest.approx(0.2, rel=1e-6)

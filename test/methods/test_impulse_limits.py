@@ -85,16 +85,16 @@ def test_a_large_misalignment_is_pulled_in_at_a_bounded_rate() -> None:
     )
     values = {**scene.parameters(), "plant.body_b.pose": [0.2, 0.0, 0.0, *about_y(tilt)]}
     scene = Scene.from_parameters(values)
-    found = simulate(scene, round(2.0 / scene.period) + 1)
-    assert found.state("angular_violation")[0] == pytest.approx(tilt)
-    assert found.state("spin_violation").max() < 1.1
-    assert found.state("angular_violation")[-1] < 1e-9
+    found = simulate(scene, samples=round(2.0 / scene.period) + 1)
+    assert found["angular_violation"][0] == pytest.approx(tilt)
+    assert found["spin_violation"].max() < 1.1
+    assert found["angular_violation"][-1] < 1e-9
     assert int(found.outs[0, layout.FLAGS]) & layout.MISALIGNED
 
 
 def test_undersampled_turning_is_flagged_and_stays_bounded() -> None:
     scene = sleeve(com=(0.03, 0.02, 0.01), spin=600.0, friction=FRICTION)
-    found = simulate(scene, round(0.3 / scene.period) + 1)
+    found = simulate(scene, samples=round(0.3 / scene.period) + 1)
     assert int(found.outs[0, layout.FLAGS]) & layout.UNDERSAMPLED
     assert found.energy[-1] < found.energy[0]
-    assert found.state("offset_violation").max() < 2e-3
+    assert found["offset_violation"].max() < 2e-3

@@ -19,7 +19,7 @@ WEIGHTLESS: dict[str, Any] = {"gravity": [0.0, 0.0, 0.0]}
 
 
 def run(scene: Scene, duration: float) -> Run:
-    return simulate(scene, round(duration / scene.period) + 1)
+    return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
 def crossings(width: float, v0: float, eps: float, duration: float) -> float:
@@ -43,10 +43,8 @@ def test_7_between_two_stops(eps: float, period: float) -> None:
     expected = [crossings(0.1, 1.0, eps, t) if t > 0 else 0.0 for t in found.time]
     flight = found.outs[:, layout.STOP] == 0  # between an impact's two steps it is under way
     flight &= np.roll(flight, 1)
-    np.testing.assert_allclose(
-        found.state("length")[flight], np.array(expected)[flight], atol=1e-12
-    )
-    assert found.state("length").max() < 0.1 + 1e-3 * eps
+    np.testing.assert_allclose(found["length"][flight], np.array(expected)[flight], atol=1e-12)
+    assert found["length"].max() < 0.1 + 1e-3 * eps
     assert (found.outs[:, layout.STOP] == 2).sum() >= 2
 
 
@@ -54,17 +52,17 @@ def test_7_without_restitution_one_contact_absorbs_all() -> None:
     for period in (1e-3, 9.1e-4, 5.3e-4):
         scene = with_period(sleeve(l0=0.0, v=1.0, stops={"l_max": 0.1}, **WEIGHTLESS), period)
         found = run(scene, 0.3)
-        assert found.state("length").max() <= 0.1 + 1e-15
-        assert found.state("length")[-1] == pytest.approx(0.1, abs=1e-14)
-        assert abs(found.state("velocity")[-1, 0]) < 1e-13
+        assert found["length"].max() <= 0.1 + 1e-15
+        assert found["length"][-1] == pytest.approx(0.1, abs=1e-14)
+        assert abs(found["velocity"][-1, 0]) < 1e-13
 
 
 def test_angle_has_stops_too() -> None:
     stops = {"theta_max": 1.0, "restitution": 1.0}
     round_ = [2e-3, 0.0, 0.0, 3e-3, 0.0, 3e-3]
     found = run(sleeve(inertia=round_, spin=5.0, stops=stops, **WEIGHTLESS), 0.5)
-    assert found.state("angle").max() < 1.0 + 5e-3
-    assert found.state("angle")[-1] == pytest.approx(2.0 - 5.0 * 0.5, abs=1e-12)
+    assert found["angle"].max() < 1.0 + 5e-3
+    assert found["angle"][-1] == pytest.approx(2.0 - 5.0 * 0.5, abs=1e-12)
     assert 4 in found.outs[:, layout.STOP] or 8 in found.outs[:, layout.STOP]
 
 
@@ -73,14 +71,13 @@ def test_a_sleeve_rests_on_a_stop_under_its_weight() -> None:
     scene = sleeve(shaft=about_y(slope), v=0.2, stops={"l_max": 0.25})
     found = run(scene, 1.0)
     weight = 2.0 * 9.81 * math.sin(slope)
-    assert found.state("length")[-1] == pytest.approx(0.25, abs=1e-12)
-    assert found.state("force_reaction")[-1] == pytest.approx(-weight, rel=1e-9)
+    assert found["length"][-1] == pytest.approx(0.25, abs=1e-12)
+    assert found["force_reaction"][-1] == pytest.approx(-weight, rel=1e-9)
     assert found.outs[-1, layout.STOP] == 2
     parts = sum(
-        found.state(f"force_{p}")
-        for p in ("elastic", "viscous", "friction", "actuation", "reaction")
+        found[f"force_{p}"] for p in ("elastic", "viscous", "friction", "actuation", "reaction")
     )
-    np.testing.assert_allclose(parts, found.state("force")[:, 0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(parts, found["force"][:, 0], rtol=1e-12, atol=1e-12)
 
 
 def test_stop_and_stick_in_one_step() -> None:
@@ -90,7 +87,7 @@ def test_stop_and_stick_in_one_step() -> None:
     )
     found = run(scene, 1.0)
     assert found.outs[-1, layout.REGIME] == STICK
-    assert found.state("length").max() <= 0.22 + 1e-9
+    assert found["length"].max() <= 0.22 + 1e-9
     assert found.energy[-1] < found.energy[0]
     assert np.all(np.isfinite(found.outs))
 
@@ -104,7 +101,7 @@ def test_both_stops_in_one_step(speed: float, width: float) -> None:
         found = run(scene, 0.3)
         assert np.all(np.isfinite(found.outs))
         assert found.energy.max() <= found.energy[0] * (1.0 + 1e-6) + 1e-9
-        late = np.abs(found.state("length")[20:] - 0.2)
+        late = np.abs(found["length"][20:] - 0.2)
         assert late.max() < width + 1.5e-3 * speed
 
 
@@ -129,7 +126,7 @@ def test_an_impact_with_a_mass_off_the_axis_never_gains_energy() -> None:
         )
         found = run(scene, 7e-3)
         assert found.energy.max() <= found.energy[0] * (1.0 + 1e-9)
-        applied = found.state("restitution")[found.outs[:, layout.STOP] != 0]
+        applied = found["restitution"][found.outs[:, layout.STOP] != 0]
         lowered += bool(len(applied) and 0.0 < applied.min() < 1.0)
     assert lowered >= 3
 
@@ -145,14 +142,14 @@ def test_what_friction_stops_does_not_bounce() -> None:
     )
     found = run(with_period(scene, 1e-3), 0.01)
     assert (found.outs[:, layout.STOP] == 0).all()
-    assert found.state("length").max() < 0.1
-    assert abs(found.state("velocity")[3:, 0]).max() < 1e-12
+    assert found["length"].max() < 0.1
+    assert abs(found["velocity"][3:, 0]).max() < 1e-12
 
 
 def test_a_lock_closes_where_its_position_is_passed() -> None:
     scene = sleeve(v=1.0, lock={"component": "slide", "position": 0.25}, **WEIGHTLESS)
     found = run(scene, 0.2)
-    assert found.state("length")[-1] == pytest.approx(0.25, abs=1e-14)
+    assert found["length"][-1] == pytest.approx(0.25, abs=1e-14)
     assert found.outs[-1, layout.LOCK] == 1
     assert found.outs[10, layout.LOCK] == 0
     pulled = {"body_b": {"load": [-100.0, 0.0, 0.0, 0.0, 0.0, 0.0]}}
@@ -164,34 +161,34 @@ def test_a_lock_closes_at_its_force() -> None:
     lock = {"component": "slide", "force": 15.0}
     found = run(sleeve(v=1.0, elasticity={"k1": 1000.0}, lock=lock, **WEIGHTLESS), 0.3)
     closed = np.flatnonzero(found.outs[:, layout.LOCK] == 1)
-    assert abs(found.state("force")[closed[0] - 1, 0]) > 15.0
-    assert abs(found.state("force")[closed[0] - 2, 0]) <= 15.0
-    assert np.ptp(found.state("length")[closed[0] + 2 :]) < 1e-12
+    assert abs(found["force"][closed[0] - 1, 0]) > 15.0
+    assert abs(found["force"][closed[0] - 2, 0]) <= 15.0
+    assert np.ptp(found["length"][closed[0] + 2 :]) < 1e-12
 
 
 def test_imposed_motion_drives_the_slide() -> None:
     scene = sleeve(friction=FRICTION, command={"slide": {"velocity": 0.1}})
     found = run(scene, 1.0)
-    assert found.state("displacement")[-1] == pytest.approx(0.1, rel=2e-3)
-    drive = found.state("force_reaction")[-1]
-    assert drive == pytest.approx(-found.state("force_friction")[-1], rel=1e-9)
-    assert drive == pytest.approx(0.2 * found.state("normal_force")[-1], rel=1e-9)
+    assert found["displacement"][-1] == pytest.approx(0.1, rel=2e-3)
+    drive = found["force_reaction"][-1]
+    assert drive == pytest.approx(-found["force_friction"][-1], rel=1e-9)
+    assert drive == pytest.approx(0.2 * found["normal_force"][-1], rel=1e-9)
     # what the drive puts in is not held against the connector
-    assert abs(found.state("passivity_balance")[-1]) < 1.02 * drive * 0.1
+    assert abs(found["passivity_balance"][-1]) < 1.02 * drive * 0.1
 
 
 def test_imposed_position_follows_its_ramp() -> None:
     command = {"spin": {"position": 0.0, "velocity": 2.0}}
     found = run(sleeve(friction=FRICTION, command=command), 1.0)
-    np.testing.assert_allclose(found.state("angle")[5:], 2.0 * found.time[5:], atol=2e-3)
-    np.testing.assert_allclose(found.state("angular_velocity")[5:, 0], 2.0, atol=1e-9)
+    np.testing.assert_allclose(found["angle"][5:], 2.0 * found.time[5:], atol=2e-3)
+    np.testing.assert_allclose(found["angular_velocity"][5:, 0], 2.0, atol=1e-9)
 
 
 def test_imposed_force_is_actuation() -> None:
     found = run(sleeve(command={"slide": {"force": 6.0}}, **WEIGHTLESS), 1.0)
-    assert found.state("displacement")[-1] == pytest.approx(0.5 * 6.0 / 2.0, rel=1e-9)
-    np.testing.assert_array_equal(found.state("force_actuation"), 6.0)
-    assert abs(found.state("passivity_balance")[-1]) < 1e-6 * 9.0
+    assert found["displacement"][-1] == pytest.approx(0.5 * 6.0 / 2.0, rel=1e-9)
+    np.testing.assert_array_equal(found["force_actuation"], 6.0)
+    assert abs(found["passivity_balance"][-1]) < 1e-6 * 9.0
 
 
 def test_commands_come_and_go() -> None:
@@ -222,7 +219,7 @@ def test_a_moving_stop_rubs() -> None:
     command = {"slide": {"velocity": 0.3}}
     scene = sleeve(v=0.3, spin=0.4 / 0.02, friction={**FRICTION, "overlap": 0.0}, command=command)
     found = run(scene, 0.001)
-    normal = found.state("normal_force")[0]
-    slide, spin = found.state("force_friction")[0], found.state("moment_friction")[0] / 0.02
+    normal = found["normal_force"][0]
+    slide, spin = found["force_friction"][0], found["moment_friction"][0] / 0.02
     assert math.hypot(slide, spin) == pytest.approx(0.2 * normal, rel=1e-12)
     assert slide / spin == pytest.approx(0.3 / 0.4, rel=0.05)

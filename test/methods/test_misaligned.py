@@ -32,7 +32,7 @@ def held(base: Scene, swing: tuple[float, float, float], spin: float = 8.0) -> S
 
 def run(scene: Scene, period: float) -> Run:
     values = {**scene.parameters(), "period": period}
-    return simulate(Scene.from_parameters(values), round(DURATION / period) + 1)
+    return simulate(Scene.from_parameters(values), samples=round(DURATION / period) + 1)
 
 
 SCENES = {
@@ -54,7 +54,7 @@ def test_the_motion_is_that_of_its_own_coordinates(name: str) -> None:
         error = [found.states[-1][b] - truth.states[-1][b]]
         turned = rotation(found.states[-1][16:20]) - rotation(truth.states[-1][16:20])
         errors.append(float(np.linalg.norm([*np.ravel(error), *np.ravel(turned)])))
-        assert found.state("angular_violation").max() < 1e-3 * (period / 1e-3) ** 2
+        assert found["angular_violation"].max() < 1e-3 * (period / 1e-3) ** 2
     assert order(FINE, errors) > 1.8
     assert errors[-1] < 1e-4
     assert abs(truth.angle[-1] - truth.angle[0]) > 1.0
@@ -63,7 +63,7 @@ def test_the_motion_is_that_of_its_own_coordinates(name: str) -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_angles_rate_is_the_spin_reported(name: str) -> None:
     found = run(SCENES[name], 1e-3)
-    angle, spin = found.state("angle"), found.state("angular_velocity")[:, 0]
+    angle, spin = found["angle"], found["angular_velocity"][:, 0]
     middle = np.diff(angle) / 1e-3
     np.testing.assert_allclose(middle, 0.5 * (spin[1:] + spin[:-1]), atol=1e-3)
 
@@ -74,7 +74,7 @@ def test_moments_are_about_the_held_axis() -> None:
     values = {**scene.parameters(), "damping.cr1": 1e-3, "method": "penalty",
               "penalty.stiffness": 1e3, "penalty.damping": 1.0,
         "penalty.rotational_stiffness": 1.0, "wrench.axes": "world"}  # fmt: skip
-    found = simulate(Scene.from_parameters(values), 1)
+    found = simulate(Scene.from_parameters(values), samples=1)
     axis = Rotation.from_rotvec((0.0, 0.8, 1.9)).as_matrix()[:, 0]
     np.testing.assert_allclose(found.outs[0, 9:12], -8e-3 * axis, atol=1e-12)
 

@@ -41,7 +41,7 @@ def test_it_sees_what_the_connector_did(number: int) -> None:
     errors = []
     for h in (2e-3, 1e-3, 5e-4):
         made_by = dataclasses.replace(scenes()[min(number, 1)], period=h)
-        run = simulate(made_by, round(0.2 / h))
+        run = simulate(made_by, samples=round(0.2 / h))
         samples = np.zeros((len(run.time), layout.NSAMPLE))
         samples[:, layout.MOTION], samples[:, layout.LOADS] = run.states, run.plant.loads
         seen = Connector(dataclasses.replace(seen_by, period=h, method="observe")).run(samples)
@@ -61,7 +61,7 @@ def test_it_sees_what_the_connector_did(number: int) -> None:
 def test_rest_is_seen_as_rest() -> None:
     """A sleeve on an incline that holds: its weight along the shaft is friction."""
     scene = sleeve(**merged(FRICTION, {"gravity": [-0.5, 0.0, -9.81]}))
-    run = simulate(scene, 50)
+    run = simulate(scene, samples=50)
     samples = np.zeros((50, layout.NSAMPLE))
     samples[:, layout.MOTION] = run.states
     seen = Connector(dataclasses.replace(scene, method="observe")).run(samples)
@@ -74,7 +74,7 @@ def test_springs_dampers_and_lost_samples() -> None:
     """The formulas' parts are taken off; an interval of several periods counts as such."""
     parts = {"elasticity": {"k1": 40.0}, "damping": {"c1": 0.5, "cr1": 1e-3}}
     scene = sleeve(v=1.0, spin=8.0, **merged(FRICTION, parts))
-    run = simulate(scene, 100)
+    run = simulate(scene, samples=100)
     watch = Connector(dataclasses.replace(scene, method="observe"))
     sample = np.zeros(layout.NSAMPLE)
     for k in range(0, 100, 4):

@@ -27,7 +27,7 @@ def unknown(scene: Scene, **gains: float) -> Scene:
 
 
 def run(scene: Scene, duration: float) -> Run:
-    return simulate(scene, round(duration / scene.period) + 1)
+    return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
 def test_auto_chooses_by_what_is_known() -> None:
@@ -44,12 +44,12 @@ def test_it_holds_the_constraint_and_coasts_to_rest() -> None:
     friction = {"coefficient": 0.2, "radius": 0.02, "preload": 5.0}
     scene = unknown(sleeve(mass=2.0, v=1.0, friction=friction))
     found = run(scene, 1.0)
-    assert found.state("displacement")[-1] == pytest.approx(0.20309, rel=5e-3)
+    assert found["displacement"][-1] == pytest.approx(0.20309, rel=5e-3)
     assert found.outs[-1, layout.REGIME] == STICK
-    settled = found.state("offset")[-1, 1]
+    settled = found["offset"][-1, 1]
     assert settled == pytest.approx(-2.0 * 9.81 / GAINS["stiffness"], rel=1e-3)  # it gives: m g/k
-    assert found.state("normal_force")[-1] == pytest.approx(2.0 * 9.81 + 5.0, rel=1e-4)
-    assert np.ptp(found.state("displacement")[-200:]) < 1e-6
+    assert found["normal_force"][-1] == pytest.approx(2.0 * 9.81 + 5.0, rel=1e-4)
+    assert np.ptp(found["displacement"][-200:]) < 1e-6
 
 
 def test_stick_is_elastic_and_comes_back_onto_the_disc() -> None:
@@ -57,12 +57,12 @@ def test_stick_is_elastic_and_comes_back_onto_the_disc() -> None:
     found = run(scene, 1.0)
     weight = 2.0 * 9.81 * math.sin(0.1)
     assert found.outs[-1, layout.REGIME] == STICK
-    assert found.state("force")[-1, 0] == pytest.approx(-weight, rel=1e-4)
-    assert found.state("displacement")[-1] == pytest.approx(weight / 1e5, rel=0.05)
+    assert found["force"][-1, 0] == pytest.approx(-weight, rel=1e-4)
+    assert found["displacement"][-1] == pytest.approx(weight / 1e5, rel=0.05)
     sliding = run(unknown(sleeve(v=1.0, spin=30.0, friction=FRICTION)), 0.1)
     slip = sliding.outs[:, layout.REGIME] == SLIP
     assert slip.sum() > 50
-    traction, limit = sliding.state("traction"), sliding.state("friction_limit")
+    traction, limit = sliding["traction"], sliding["friction_limit"]
     np.testing.assert_allclose(traction[slip], limit[slip], rtol=1e-12)
     assert np.all(traction <= limit * (1.0 + 1e-12))
 
@@ -75,7 +75,7 @@ def test_two_free_bodies_keep_their_momentum() -> None:
     # the wrench acts where it was measured: linear momentum is exact, angular to first order
     np.testing.assert_allclose(found.plant.momentum()[:3], start.momentum()[:3], atol=1e-10)
     np.testing.assert_allclose(found.plant.momentum()[3:], start.momentum()[3:], rtol=2e-3)
-    assert found.state("offset_violation").max() < 2e-3
+    assert found["offset_violation"].max() < 2e-3
     assert found.energy[-1] < found.energy[0]
 
 
@@ -83,7 +83,7 @@ def test_a_spring_too_stiff_for_the_period_diverges() -> None:
     """What the method is known not to survive: k h^2/m well above what sampling allows."""
     scene = unknown(sleeve(v=0.1, friction=FRICTION), stiffness=2e7, damping=400.0)
     found = run(scene, 0.2)
-    violation = found.state("offset_violation")
+    violation = found["offset_violation"]
     assert violation.max() > 1e-2 or np.any(found.outs[:, layout.STATUS] != 0)
 
 
@@ -108,21 +108,21 @@ def test_stops_locks_and_imposed_motion_are_springs_too() -> None:
         "friction": {**FRICTION, "coefficient": 0.0},
     }
     stopped = run(unknown(sleeve(v=1.0, stops={"l_max": 0.25}, **still)), 0.5)
-    assert stopped.state("length").max() < 0.26
-    assert stopped.state("velocity")[-1, 0] <= 1e-9
+    assert stopped["length"].max() < 0.26
+    assert stopped["velocity"][-1, 0] <= 1e-9
     assert 2 in stopped.outs[:, layout.STOP]
     locked = run(
         unknown(sleeve(v=1.0, lock={"component": "slide", "position": 0.25}, **still)), 0.5
     )
-    assert locked.state("length")[-1] == pytest.approx(0.25, abs=1e-6)
+    assert locked["length"][-1] == pytest.approx(0.25, abs=1e-6)
     assert locked.outs[-1, layout.LOCK] == 1
     driven = run(unknown(sleeve(command={"slide": {"velocity": 0.2}}, **still)), 1.0)
-    assert driven.state("displacement")[-1] == pytest.approx(0.2, rel=1e-3)
+    assert driven["displacement"][-1] == pytest.approx(0.2, rel=1e-3)
     pushed = run(unknown(sleeve(command={"slide": {"force": 6.0}}, **still)), 1.0)
-    assert pushed.state("displacement")[-1] == pytest.approx(1.5, rel=1e-9)
+    assert pushed["displacement"][-1] == pytest.approx(1.5, rel=1e-9)
     for found in (stopped, locked, driven, pushed):
         parts = sum(
-            found.state(f"force_{part}")
+            found[f"force_{part}"]
             for part in ("elastic", "viscous", "friction", "actuation", "reaction")
         )
-        np.testing.assert_allclose(parts, found.state("force")[:, 0], atol=1e-12)
+        np.testing.assert_allclose(parts, found["force"][:, 0], atol=1e-12)

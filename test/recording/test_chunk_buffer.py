@@ -1,4 +1,4 @@
-"""Messages copied into trays, by Python and by compiled code, and trays into chunks of a file."""
+"""Chunk buffers: append from Python and compiled code, and writing them as MCAP chunks."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from cylconn_ros.core.jit import kernel
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording import writer as writer_module
-from cylconn_ros.recording.chunk_buffer import ACCEPTED, REFUSED, Messages, Tray
-from cylconn_ros.recording.kernels import put
-from cylconn_ros.recording.mcap_writer import Container
+from cylconn_ros.recording.mcap.chunk_buffer import ACCEPTED, REFUSED, ChunkBuffer, MessageArrays
+from cylconn_ros.recording.mcap.kernels import append
+from cylconn_ros.recording.mcap.writer import McapWriter
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.writer import RunWriter
@@ -36,7 +36,7 @@ MESSAGES = [
 
 
 @kernel
-def put_one(
+def append_one(
     records: NDArray[np.uint8],
     entries: NDArray[np.int64],
     state: NDArray[np.int64],
@@ -47,32 +47,34 @@ def put_one(
     data: NDArray[np.uint8],
     length: int,
 ) -> bool:
-    """Call ``put`` as compiled code does."""
-    return put(
+    """Call ``append`` from compiled code."""
+    return append(
         records, entries, state, counts, channel, log_time, publish_time, data, length
     )  # fmt: skip
 
 
-def put_compiled(tray: Tray, channel: int, log_time: int, publish_time: int, data: bytes) -> bool:
-    longer = np.frombuffer(data + b"what follows is not part of it", np.uint8)
-    return bool(put_one(*tray.arrays, channel, log_time, publish_time, longer, len(data)))
+def append_compiled(
+    buffer: ChunkBuffer, channel: int, log_time: int, publish_time: int, data: bytes
+) -> bool:
+    longer = np.frombuffer(data + b"bytes behind the message", np.uint8)
+    return bool(append_one(*buffer.arrays, channel, log_time, publish_time, longer, len(data)))
 
 
 def counts() -> NDArray[np.int64]:
     return np.zeros((2, 4), np.int64)
 
 
-def test_python_and_compiled_code_put_in_the_same() -> None:
-    ours, theirs = Tray(4096, counts()), Tray(4096, counts())
-    for tray in (ours, theirs):
-        tray.arrays.counts[ACCEPTED, 1] = (1 << 32) - 1  # the next number does not fit into 32 bits
+def test_python_and_compiled_code_append_the_same_bytes() -> None:
+    interpreted, compiled = ChunkBuffer(4096, counts()), ChunkBuffer(4096, counts())
+    for buffer in (interpreted, compiled):
+        buffer.arrays.counts[ACCEPTED, 1] = (1 << 32) - 1  # the next one needs more than 32 bits
     for channel, log_time, publish_time, data in MESSAGES:
-        assert ours.put(channel, data, log_time, publish_time)
-        assert put_compiled(theirs, channel, log_time, publish_time, data)
-    assert len(ours) == len(theirs) == len(MESSAGES)
-    assert bytes(ours.held()[0]) == bytes(theirs.held()[0])
-    np.testing.assert_array_equal(ours.held()[1], theirs.held()[1])
-    np.testing.assert_array_equal(ours.arrays.counts, theirs.arrays.counts)
+        assert interpreted.append(channel, data, log_time, publish_time)
+        assert append_compiled(compiled, channel, log_time, publish_time, data)
+    assert len(interpreted) == len(compiled) == len(MESSAGES)
+    assert bytes(interpreted.contents()[0]) == bytes(compiled.contents()[0])
+    np.testing.assert_array_equal(interpreted.contents()[1], compiled.contents()[1])
+    np.testing.assert_array_equal(interpreted.arrays.counts, compiled.arrays.counts)
 
     expected, at = b"", []
     numbers = {1: (1 << 32) - 1, 2: 0, 3: 0}
@@ -84,40 +86,44 @@ def test_python_and_compiled_code_put_in_the_same() -> None:
         )  # fmt: skip
         expected += data
         numbers[channel] += 1
-    assert bytes(ours.held()[0]) == expected
-    assert ours.held()[1].tolist() == [
+    assert bytes(interpreted.contents()[0]) == expected
+    assert interpreted.contents()[1].tolist() == [
         [channel, log_time, offset]
         for (channel, log_time, *_), offset in zip(MESSAGES, at, strict=True)
     ]
-    ours.clear()
-    assert len(ours) == 0
-    assert bytes(ours.held()[0]) == b""
+    interpreted.clear()
+    assert len(interpreted) == 0
+    assert bytes(interpreted.contents()[0]) == b""
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-@pytest.mark.parametrize(("size", "room"), [(3 * 131, 3), (3 * 131 - 1, 2), (2 * 131 + 31, 2)])
-def test_what_does_not_fit_leaves_a_tray_as_it_was(compiled: bool, size: int, room: int) -> None:
-    tray, data = Tray(size, counts()), bytes(range(100))
+@pytest.mark.parametrize(("size", "capacity"), [(3 * 131, 3), (3 * 131 - 1, 2), (2 * 131 + 31, 2)])
+def test_a_message_that_does_not_fit_leaves_the_buffer_unchanged(
+    compiled: bool, size: int, capacity: int
+) -> None:
+    buffer, data = ChunkBuffer(size, counts()), bytes(range(100))
     for k in range(4):
-        assert tray.has_room(1, 100) is (k < room)
-        before = bytes(tray.held()[0])
-        taken = put_compiled(tray, 2, k, k, data) if compiled else tray.put(2, data, k, k)
-        assert taken is (k < room)
-        assert taken or bytes(tray.held()[0]) == before
-    assert len(tray) == room
-    assert tray.arrays.counts[ACCEPTED].tolist() == [0, 0, room, 0]
-    # Who puts in from Python looks for another tray first.
-    assert tray.arrays.counts[REFUSED].tolist() == [0, 0, (4 - room) * compiled, 0]
+        assert buffer.fits(1, 100) is (k < capacity)
+        before = bytes(buffer.contents()[0])
+        accepted = (
+            append_compiled(buffer, 2, k, k, data) if compiled else buffer.append(2, data, k, k)
+        )
+        assert accepted is (k < capacity)
+        assert accepted or bytes(buffer.contents()[0]) == before
+    assert len(buffer) == capacity
+    assert buffer.arrays.counts[ACCEPTED].tolist() == [0, 0, capacity, 0]
+    # Compiled code counts at once; Python code reserves another buffer before it counts.
+    assert buffer.arrays.counts[REFUSED].tolist() == [0, 0, (4 - capacity) * compiled, 0]
 
 
-def test_many_small_messages_fill_a_tray_too() -> None:
-    tray = Tray(6400, counts())
-    while tray.put(1, b"", 0, 0):
+def test_small_messages_fill_the_index_first() -> None:
+    buffer = ChunkBuffer(6400, counts())
+    while buffer.append(1, b"", 0, 0):
         pass
-    assert len(tray) == 100
-    assert not put_compiled(tray, 1, 0, 0, b"")
-    assert Tray.for_messages(1000, 0, counts()).has_room(1000, 0)
-    assert Tray.for_messages(1, 1 << 20, counts()).has_room(1, 1 << 20)
+    assert len(buffer) == 100
+    assert not append_compiled(buffer, 1, 0, 0, b"")
+    assert ChunkBuffer.for_messages(1000, 0, counts()).fits(1000, 0)
+    assert ChunkBuffer.for_messages(1, 1 << 20, counts()).fits(1, 1 << 20)
 
 
 def test_compiled_code_records_under_the_lock(tmp_path: Path) -> None:
@@ -125,9 +131,9 @@ def test_compiled_code_records_under_the_lock(tmp_path: Path) -> None:
         channels = [writer.channels[topic.name] for topic in TOPICS]
         for k in range(200):
             with writer.lock:
-                tray = writer.tray(3, 300)
+                buffer = writer.reserve(3, 300)
                 for channel in channels[:2]:
-                    assert put_compiled(tray, channel, 10 * k, k, bytes([k]) * 100)
+                    assert append_compiled(buffer, channel, 10 * k, k, bytes([k]) * 100)
             writer.write("/t2", b"python", 10 * k + 1, k)
         assert writer.counts == {"/t0": 200, "/t1": 200, "/t2": 200}
     run = read_run(tmp_path / "run")
@@ -136,12 +142,12 @@ def test_compiled_code_records_under_the_lock(tmp_path: Path) -> None:
     assert list(run.raw("/t2")) == [(10 * k + 1, k, b"python") for k in range(200)]
 
 
-def test_records_are_numbered_and_indexed_by_channel(
+def test_records_have_sequence_numbers_and_an_index_per_channel(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 1000)
     with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
-        for k in range(40):  # times that go up and down
+        for k in range(40):  # log times not in order
             writer.write(f"/t{k % 2}", bytes(50), 1000 + 7 * k % 40, k)
     path = tmp_path / "run" / "run_0.mcap"
     with path.open("rb") as stream:
@@ -163,40 +169,42 @@ def test_records_are_numbered_and_indexed_by_channel(
         own = times[done : done + count]
         assert (chunk.message_start_time, chunk.message_end_time) == (min(own), max(own))
         done += count
-    with path.open("rb") as stream:  # by the index, in the order of time
+    with path.open("rb") as stream:  # via the index, in order of log time
         read = [m.log_time for _, _, m in make_reader(stream).iter_messages(topics=["/t1"])]
     assert read == sorted(times[1::2])
 
 
-def test_every_index_leads_to_its_messages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_message_index_entry_points_to_its_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 1000)
     with RunWriter(tmp_path / "run", TOPICS, {}, "none") as writer:
         for k in range(60):
             writer.write(f"/t{k * k % 3}", bytes(k), 1000 - k, k)
-    seen, chunk = 0, b""
+    checked, chunk = 0, b""
     with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
         for record in StreamReader(stream, emit_chunks=True).records:
             if isinstance(record, Chunk):
                 chunk = record.data
             elif isinstance(record, MessageIndex):
                 times = [log_time for log_time, _ in record.records]
-                assert times == sorted(times, reverse=True)  # as they came
+                assert times == sorted(times, reverse=True)  # recording order
                 for log_time, offset in record.records:
                     head = struct.unpack_from("<BQHIQQ", chunk, offset)
                     assert (head[0], head[2], head[4]) == (5, record.channel_id, log_time)
                     assert head[1] == 22 + (1000 - log_time)
-                    seen += 1
-    assert seen == 60
+                    checked += 1
+    assert checked == 60
 
 
-def test_many_at_once_are_what_they_are_one_by_one(
+def test_a_batch_is_recorded_as_single_messages_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 1000)
     rng = np.random.default_rng(3)
     size = rng.integers(0, 300, 200)
     size[50] = 5000
-    messages = Messages(
+    messages = MessageArrays(
         data=rng.integers(0, 256, 6000).astype(np.uint8),
         channel=rng.integers(1, 4, 200),
         log_time=FIRST + np.arange(200),
@@ -206,9 +214,9 @@ def test_many_at_once_are_what_they_are_one_by_one(
     )
     with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
         writer.write("/t1", b"before", 1, 2)
-        writer.write_each(messages)
+        writer.write_batch(messages)
     with pytest.raises(RecordingError, match="closed"):
-        writer.write_each(messages)
+        writer.write_batch(messages)
     assert sum(writer.lost.values()) == 200
     run = read_run(tmp_path / "run")
     found = {topic.name: list(run.raw(topic.name)) for topic in TOPICS}
@@ -221,7 +229,7 @@ def test_many_at_once_are_what_they_are_one_by_one(
         ]
 
 
-def test_a_message_larger_than_a_tray_has_one_of_its_own(
+def test_a_message_larger_than_a_buffer_gets_its_own_buffer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 1000)
@@ -233,22 +241,24 @@ def test_a_message_larger_than_a_tray_has_one_of_its_own(
     assert found == list(enumerate(sizes))
 
 
-def test_after_the_end_everything_is_refused_and_counted(tmp_path: Path) -> None:
+def test_a_closed_writer_refuses_and_counts_messages(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / "run", TOPICS, {})
-    assert writer.put(1, b"x", 0, 0)
+    assert writer.append(1, b"x", 0, 0)
     writer.close()
-    assert not writer.put(1, b"y", 0, 0)
+    assert not writer.append(1, b"y", 0, 0)
     with writer.lock:
-        tray = writer.tray(1, 1)
-        assert not put_compiled(tray, 1, 0, 0, b"z")
-        assert not tray.put(1, b"z", 0, 0)
+        buffer = writer.reserve(1, 1)
+        assert not append_compiled(buffer, 1, 0, 0, b"z")
+        assert not buffer.append(1, b"z", 0, 0)
     assert "recording is closed" in writer.refusal
     assert writer.counts["/t0"] == 1
     assert writer.lost == {"/t0": 2, "/t1": 0, "/t2": 0}
     assert read_run(tmp_path / "run").counts["/t0"] == 1
 
 
-def test_many_threads_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_concurrent_writers_lose_no_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 2000)
     monkeypatch.setattr(writer_module, "_BACKLOG", 6000)
     with RunWriter(tmp_path / "run", TOPICS, {}) as writer:
@@ -268,14 +278,14 @@ def test_many_threads_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert list(run.raw(topic.name)) == expected
 
 
-def test_the_index_of_many_chunks_is_whole(tmp_path: Path) -> None:
-    file = Container(tmp_path / "many.mcap", "zstd")
+def test_the_index_of_many_chunks_is_complete(tmp_path: Path) -> None:
+    file = McapWriter(tmp_path / "many.mcap", "zstd")
     channel = file.add_channel("/a", file.add_schema("std_msgs/msg/Empty", ""), {})
-    tray = Tray(1 << 12, np.zeros((2, 2), np.int64))
+    buffer = ChunkBuffer(1 << 12, np.zeros((2, 2), np.int64))
     for k in range(300):
-        assert tray.put(channel, bytes([0, 1, 0, 0, k % 256]), k, k)
-        file.add_chunk(*tray.held())
-        tray.clear()
+        assert buffer.append(channel, bytes([0, 1, 0, 0, k % 256]), k, k)
+        file.add_chunk(*buffer.contents())
+        buffer.clear()
     file.finish()
     file.close()
     with (tmp_path / "many.mcap").open("rb") as stream:

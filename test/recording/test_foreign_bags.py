@@ -1,4 +1,4 @@
-"""A bag of other software, from one end to the other: Odometry at uneven rates, by rosbags."""
+"""A bag of other software through all commands: odometry at uneven rates, written by rosbags."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from odometry_bag import odometry_bag
 from rosbags.rosbag2 import StoragePlugin
 from scenes import bundled
-from test_replay import odometry_bag
 
 from cylconn_ros.cli.main import main
 from cylconn_ros.recording.run import read_run
@@ -33,8 +33,10 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     return code, printed.out, printed.err
 
 
-def test_as_it_is_it_tells_what_it_holds(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And what it lacks: no command fails without saying what to do."""
+def test_commands_on_the_bag_state_what_it_lacks(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every command that fails states the remedy."""
     code, out, _ = call(capsys, "info", bag / "bag")
     assert code == 0
     assert "nav_msgs/msg/Odometry" in out
@@ -56,7 +58,7 @@ def test_as_it_is_it_tells_what_it_holds(bag: Path, capsys: pytest.CaptureFixtur
     assert "holds no outputs to compare with" in err
 
 
-def test_replayed_it_is_a_run_like_any(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_replayed_bag_is_a_run(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ("--params", bag / "scene.yaml", *REMAP)
     code, out, err = call(capsys, "replay", bag / "bag", *given, "-o", bag / "run")
     assert code == 0
@@ -75,15 +77,17 @@ def test_replayed_it_is_a_run_like_any(bag: Path, capsys: pytest.CaptureFixture[
     assert f"{samples} samples: every sample" in out
 
 
-def test_its_friction_is_found(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In the bag itself, and in the run made of it: the demo's parameters."""
+def test_identification_finds_the_friction_parameters(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the bag itself, and in the run replayed from it: the parameters of the demo."""
     friction = bundled("demo").friction
-    asked = [(bag / "bag", "--params", bag / "scene.yaml", *REMAP)]
+    inputs = [(bag / "bag", "--params", bag / "scene.yaml", *REMAP)]
     if not (bag / "run").exists():
-        assert main(["replay", *map(str, asked[0]), "-o", str(bag / "run")]) == 0
+        assert main(["replay", *map(str, inputs[0]), "-o", str(bag / "run")]) == 0
         capsys.readouterr()
-    asked.append((bag / "run",))
-    for arguments in asked:
+    inputs.append((bag / "run",))
+    for arguments in inputs:
         code, out, _ = call(capsys, "identify", *arguments, "--json", "-")
         assert code == 0
         found = json.loads(out)["estimates"]

@@ -1,4 +1,4 @@
-"""Recorded runs, checked with readers that are not ours: rosbags and mcap-ros2-support."""
+"""Recorded runs, checked with independent readers: rosbags and mcap-ros2-support."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def header(k: int, frame: str = "world") -> Header:
 
 
 def fill(message: Any, start: float) -> None:
-    """Put a different number into every float of a message."""
+    """Set every float of a message to a different number."""
     value = start
     for name, kind in message.get_fields_and_field_types().items():
         item = getattr(message, name)
@@ -95,7 +95,7 @@ def messages(k: int) -> list[tuple[str, Any]]:
         header=header(k),
         name=["slide", "spin"],
         position=[0.5 * k, 0.25 * k],
-        velocity=[1.0, 2.0] if k % 4 else [3.0],  # two shapes of message
+        velocity=[1.0, 2.0] if k % 4 else [3.0],  # two message layouts
         effort=[0.0, 1.0],
     )
     found: list[tuple[str, Any]] = [
@@ -138,7 +138,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 
 def plain(value: Any) -> Any:
-    """Numbers, texts and lists of a message of any library, comparable; NaN equal to itself."""
+    """Convert a message of any library to comparable numbers, strings and lists; NaN to text."""
     if isinstance(value, (str, int, bytes)):
         return value
     if isinstance(value, float):
@@ -193,7 +193,7 @@ def test_bare_file_opens_in_rosbags(run: Any) -> None:
         assert reader.message_count == sum(map(len, written.values()))
 
 
-def test_metadata_yaml_says_what_rosbag2_wants(run: Any) -> None:
+def test_metadata_yaml_has_the_rosbag2_format(run: Any) -> None:
     directory, written = run
     metadata = yaml.safe_load((directory / "metadata.yaml").read_text())
     info = metadata["rosbag2_bagfile_information"]
@@ -267,7 +267,7 @@ def test_parameters_come_back_as_a_scene_file(run: Any) -> None:
     assert parameters["body_a"]["frame"] == "rail"
 
 
-def test_big_endian_and_garbage_messages_are_told_apart(tmp_path: Path) -> None:
+def test_big_endian_messages_are_decoded_and_malformed_ones_counted(tmp_path: Path) -> None:
     pose = PoseStamped(header=header(5))
     pose.pose.position.x = 1.5
     little = serialize_message(pose)
@@ -316,7 +316,7 @@ def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
         ([TopicInfo("/x", "X")], "zstd", "expected package/msg/Name"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused(
+def test_invalid_arguments_are_refused(
     tmp_path: Path, topics: list[TopicInfo], compression: str, message: str
 ) -> None:
     with pytest.raises(RecordingError, match=message):
@@ -329,7 +329,7 @@ def test_refused_messages_are_counted(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="topic /other is not recorded here"):
         writer.write("/other", b"", 0, 0)
     writer.close()
-    writer.close()  # nothing more to do
+    writer.close()  # does nothing
     with pytest.raises(RecordingError, match="closed"):
         writer.write("/body_b/pose", b"", 0, 0)
     assert writer.lost["/body_b/pose"] == 1
@@ -339,7 +339,7 @@ def test_refused_messages_are_counted(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_ends_the_recording_not_the_program(tmp_path: Path) -> None:
-    """A file size limit stands in for the full disk; the errors are the operating system's own."""
+    """A file size limit simulates a full disk; the errors are those of the operating system."""
     script = """
         import os, resource, signal, sys, time
         from pathlib import Path
@@ -375,7 +375,7 @@ def test_a_full_disk_ends_the_recording_not_the_program(tmp_path: Path) -> None:
     assert "File too large" in done.stdout
     info = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())
     assert "File too large" in info["rosbag2_bagfile_information"]["custom_data"]["incomplete"]
-    run = read_run(tmp_path / "run")  # whole chunks, and an end for which there was room
+    run = read_run(tmp_path / "run")  # complete chunks and an end
     assert 0 < run.counts["/x"] < 200
     assert "File too large" in str(run.incomplete)
 

@@ -1,4 +1,4 @@
-"""Recordings that are not whole: named as such, and what can be had of them given back."""
+"""Incomplete and damaged recordings: error messages and recovery."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from test_recording import METADATA, SAMPLES, TOPICS, write_run
 
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording import writer as writer_module
-from cylconn_ros.recording.mcap_writer import Container
+from cylconn_ros.recording.mcap.writer import McapWriter
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.salvage import salvage
 from cylconn_ros.recording.writer import RunWriter
 
 
-def test_unfinished_and_foreign_directories_are_named(tmp_path: Path) -> None:
+def test_unfinished_and_other_directories_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="No such file"):
         read_run(tmp_path / "nothing")
     with pytest.raises(RecordingError, match="never closed"):
@@ -39,11 +39,11 @@ def everything(run: Run) -> dict[str, list[tuple[int, int, bytes]]]:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])
-def test_wherever_a_file_breaks_off_the_rest_is_given_back(
+def test_all_chunks_before_a_truncation_are_recovered(
     tmp_path: Path, compression: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 20_000)
-    monkeypatch.setattr(writer_module, "_BACKLOG", 20_000)  # a chunk each, then
+    monkeypatch.setattr(writer_module, "_BACKLOG", 20_000)  # several chunks
     write_run(tmp_path / "run", compression)
     path = tmp_path / "run" / "run_0.mcap"
     whole, data = read_run(path), path.read_bytes()
@@ -60,7 +60,7 @@ def test_wherever_a_file_breaks_off_the_rest_is_given_back(
         (broken / "broken_0.mcap").write_bytes(data[:cut])
         expected = sum(end <= cut for end in ends)
         if not expected:
-            with pytest.raises(RecordingError, match="holds no message that can be read"):
+            with pytest.raises(RecordingError, match="contains no readable message"):
                 salvage(broken)
             continue
         saved = salvage(broken)
@@ -74,10 +74,10 @@ def test_wherever_a_file_breaks_off_the_rest_is_given_back(
             assert raw == everything(whole)[topic][: len(raw)]
         with Reader(saved.directory) as foreign:
             assert foreign.message_count == saved.messages
-    assert saved.messages == sum(whole.counts.values())  # only its end was missing
+    assert saved.messages == sum(whole.counts.values())  # only the end was missing
 
 
-def test_a_damaged_chunk_is_left_out_and_said(
+def test_a_damaged_chunk_is_skipped_and_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 20_000)
@@ -99,25 +99,25 @@ def test_a_damaged_chunk_is_left_out_and_said(
         salvage(path, tmp_path / "saved")
 
 
-def test_a_slow_disk_is_waited_for_or_said_to_be_one(
+def test_a_slow_disk_blocks_the_writer_or_refuses_messages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer_module, "_CHUNK", 1000)
     monkeypatch.setattr(writer_module, "_BACKLOG", 5000)
-    inner = Container.add_chunk
+    inner = McapWriter.add_chunk
 
     def slow(*arguments: Any) -> None:
         time.sleep(0.05)
         inner(*arguments)
 
-    monkeypatch.setattr(Container, "add_chunk", slow)
+    monkeypatch.setattr(McapWriter, "add_chunk", slow)
     info = TopicInfo("/x", "std_msgs/msg/String")
-    with RunWriter(tmp_path / "patient", [info], {}) as writer:
+    with RunWriter(tmp_path / "blocking", [info], {}) as writer:
         for k in range(40):
             writer.write("/x", bytes(1000), k, k)
-    assert writer.counts["/x"] == read_run(tmp_path / "patient").counts["/x"] == 40
+    assert writer.counts["/x"] == read_run(tmp_path / "blocking").counts["/x"] == 40
     reasons = []
-    with RunWriter(tmp_path / "impatient", [info], {}, patient=False) as writer:
+    with RunWriter(tmp_path / "refusing", [info], {}, wait_for_disk=False) as writer:
         for k in range(40):
             try:
                 writer.write("/x", bytes(1000), k, k)
@@ -125,11 +125,11 @@ def test_a_slow_disk_is_waited_for_or_said_to_be_one(
                 reasons.append(str(error))
         assert writer.lost["/x"] == len(reasons) > 20
         assert "the disk is too slow" in reasons[0]
-    run = read_run(tmp_path / "impatient")
+    run = read_run(tmp_path / "refusing")
     assert run.counts["/x"] == 40 - len(reasons)
 
 
-def test_missing_messages_are_noticed(tmp_path: Path) -> None:
+def test_missing_messages_make_a_run_incomplete(tmp_path: Path) -> None:
     write_run(tmp_path / "run")
     path = tmp_path / "run" / "metadata.yaml"
     path.write_text(path.read_text().replace(f"message_count: {SAMPLES}\n", "message_count: 401\n"))

@@ -11,7 +11,7 @@ import pytest
 from paths import BAGS
 from ros_processes import module, program
 
-from cylconn_ros.messages.pipeline import STATE_TOPIC, Answering
+from cylconn_ros.messages.pipeline import STATE_TOPIC, MessagePipeline
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.replay.compare import Comparison, Topic
@@ -46,7 +46,7 @@ def compared(bag: Bag, replay: Replay) -> Comparison:
 
 
 def recorded_scene(bag: Bag) -> Scene:
-    return Scene.from_parameters(parameter_file.parameters_of(bag.texts["parameters"]))
+    return Scene.from_parameters(parameter_file.parameters_of(bag.metadata["parameters"]))
 
 
 def of_bag(name: str) -> tuple[Bag, Replay]:
@@ -82,7 +82,7 @@ def test_the_failure_says_where_and_by_how_much() -> None:
     """A friction coefficient changed in its fifth digit is found, and told."""
     bag, replay = of_bag("slide_and_spin")
     friction = dataclasses.replace(replay.scene.friction, coefficient=0.200002)
-    replay.answering = Answering(dataclasses.replace(replay.scene, friction=friction))
+    replay.pipeline = MessagePipeline(dataclasses.replace(replay.scene, friction=friction))
     comparison = compared(bag, replay)
     for item in replay.messages():
         if item.topic not in comparison.topics:
@@ -98,7 +98,7 @@ def test_played_onto_live_topics_the_node_answers_the_same(name: str, tmp_path: 
     """The other way round: our player, the real node, and what it records."""
     bag, replay = of_bag(name)
     scene = tmp_path / "scene.yaml"
-    scene.write_text(bag.texts["parameters"])
+    scene.write_text(bag.metadata["parameters"])
     with program([*module("connector.node"), "--ros-args", "--params-file", scene,
                   "-p", "record.enabled:=true"], tmp_path) as node:  # fmt: skip
         node.wait_for("recording to")  # it listens, and is ready to answer

@@ -6,12 +6,10 @@ import sqlite3
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from odometry_bag import odometry_bag
 from scenes import bundled
 
 from cylconn_ros.cli import main as cylconn
@@ -46,7 +44,7 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run as the nodes would have recorded it."""
     path = tmp_path_factory.mktemp("runs") / "demo"
-    code = cylconn.main(["simulate", "demo", "--duration", str(STEPS * 1e-3), "-o", str(path)])
+    code = cylconn.main(["simulate", "demo", "--steps", str(STEPS - 1), "-o", str(path)])
     assert code == 0
     return path
 
@@ -95,7 +93,7 @@ def test_one_changed_byte_is_found(recorded: Path, command: Command, tmp_path: P
     """The comparison can fail: a wrench changed in its last bit, at one sample."""
     changed, run = tmp_path / "changed", Bag(recorded)
     topics = Replay(run, bundled("demo")).topics()
-    with RunWriter(changed, topics, run.texts) as writer:
+    with RunWriter(changed, topics, run.metadata) as writer:
         for k, (topic, log_time, data) in enumerate(run.messages()):
             if topic == "/body_b/wrench" and 500 < k < 507:
                 data = data[:-8] + bytes([data[-8] ^ 1]) + data[-7:]
@@ -105,57 +103,6 @@ def test_one_changed_byte_is_found(recorded: Path, command: Command, tmp_path: P
     assert "/body_b/wrench: 200 compared, 1 differ" in out
     assert "wrench.torque.z" in out
     assert command(changed, "--compare", "--tolerance", 1e-12)[0] == 0
-
-
-def odometry_bag(
-    path: Path, uneven: bool, steps: int = STEPS, storage: StoragePlugin = StoragePlugin.SQLITE3
-) -> None:
-    """Odometry of the sleeve, written by rosbags; uneven: jittered, lossy, late and foreign."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-    run = simulate(bundled("demo"), steps)
-    rng = np.random.default_rng(1)
-    with Writer(path, version=9, storage_plugin=storage) as writer:
-        name = "nav_msgs/msg/Odometry"
-        sent = writer.add_connection("/robot/sleeve", name, typestore=store)
-        other = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
-        for k, state in enumerate(run.states):
-            if uneven and rng.random() < 0.1:
-                continue
-            stamp = round(run.time[k] * 1e9)
-            x, v = state[layout.B_POSE : layout.B_TWIST], state[layout.B_TWIST :]
-            message = _odometry(types, stamp, x, v)
-            log = stamp + (int(rng.integers(0, 400_000)) if uneven else 0)
-            writer.write(sent, log, store.serialize_cdr(message, name))
-            text = types["std_msgs/msg/String"](data="hello")
-            writer.write(other, log, store.serialize_cdr(text, "std_msgs/msg/String"))
-
-
-def _odometry(types: Any, stamp: int, x: np.ndarray, v: np.ndarray) -> Any:
-    def make(name: str, *values: Any) -> Any:
-        return types[f"geometry_msgs/msg/{name}"](*values)
-
-    header = types["std_msgs/msg/Header"](
-        types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000)), "world"
-    )
-    turn = _axes(x[3:7])
-    pose = make("Pose", make("Point", *x[:3]), make("Quaternion", *x[3:7]))
-    linear, angular = turn.T @ v[:3], turn.T @ v[3:6]
-    twist = make("Twist", make("Vector3", *linear), make("Vector3", *angular))
-    none = np.zeros(36)
-    return types["nav_msgs/msg/Odometry"](
-        header, "sleeve", make("PoseWithCovariance", pose, none),
-        make("TwistWithCovariance", twist, none),
-    )  # fmt: skip
-
-
-def _axes(q: np.ndarray) -> np.ndarray:
-    x, y, z, w = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -170,7 +117,7 @@ def test_odometry_of_other_software(uneven: bool, command: Command, tmp_path: Pa
     code, out, _ = command(*asked, "-o", tmp_path / "out")
     assert code == 0
     state = read_run(tmp_path / "out").state
-    exact = simulate(bundled("demo"), STEPS).outs
+    exact = simulate(bundled("demo"), samples=STEPS).outs
     if uneven:
         assert 0.8 * STEPS < len(state) < STEPS
         assert "off the period" in out
@@ -211,9 +158,9 @@ def test_damaged_bags_give_what_they_have(recorded: Path, command: Command, tmp_
     assert "DAMAGED" in out
     assert "identical" in out
     for content, words in (
-        (b"", "holds no message that can be read"),
-        (b"hello, this is text" * 9, "holds no message that can be read"),
-        (whole[:100], "holds no message that can be read"),
+        (b"", "contains no readable message"),
+        (b"hello, this is text" * 9, "contains no readable message"),
+        (whole[:100], "contains no readable message"),
     ):
         cut.write_bytes(content)
         code, _, err = command(cut)
@@ -246,13 +193,13 @@ def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None
             "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INT, timestamp INT, data BLOB)"
         )
     database.close()
-    with pytest.raises(RecordingError, match="one type a topic"):
+    with pytest.raises(RecordingError, match="only one type per topic"):
         Bag(both)
 
 
 def long_bag(path: Path, count: int) -> Path:
     """Poses and twists of so many samples, without outputs."""
-    run = simulate(bundled("demo"), 50)
+    run = simulate(bundled("demo"), samples=50)
     places = {"/body_b/pose": (layout.B_POSE, 7), "/body_b/twist": (layout.B_TWIST, 6)}
     kinds = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped")
     topics = [TopicInfo(name, kind) for name, kind in zip(places, kinds, strict=True)]
@@ -277,7 +224,7 @@ def test_memory_does_not_grow_with_the_bag(
     peaks = []
     for count in (20_000, 80_000):
         replay = Replay(Bag(long_bag(tmp_path / str(count), count)), bundled("demo"))
-        replay.answering.wanted = lambda _: False
+        replay.pipeline.wanted = lambda _: False
         tracemalloc.start()
         for _ in getattr(replay, way)():
             pass

@@ -15,11 +15,11 @@ from xml.etree import ElementTree
 import pytest
 from paths import ROOT
 
-from cylconn_ros.messages.pipeline import POSE
 from cylconn_ros.process.child import private_environment
 from cylconn_ros.recording.message_definitions import interface
 from cylconn_ros.recording.schema import parse
 from cylconn_ros.ros.connector.topics import OUTPUTS
+from cylconn_ros.scene.inputs import POSE
 
 FOXGLOVE = ROOT / "dashboards" / "foxglove.json"
 PLOTJUGGLER = ROOT / "dashboards" / "plotjuggler.xml"
@@ -145,7 +145,7 @@ def test_a_wrong_path_is_seen(topic: str, steps: list[str], why: str) -> None:
 
 # The page that leads there
 
-GUIDE = (ROOT / "docs" / "dashboards.md").read_text()
+GUIDE = (ROOT / "docs" / "how_to" / "dashboards.md").read_text()
 
 
 def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
 
 def test_the_guide_names_what_there_is() -> None:
     for target in re.findall(r"\]\(([^)#]+)", GUIDE):
-        assert (ROOT / "docs" / target).exists(), target
+        assert (ROOT / "docs" / "how_to" / target).exists(), target
     for name in re.findall(r"dashboards/(\w+\.\w+)", GUIDE):
         assert (ROOT / "dashboards" / name).is_file(), name
     assert (ROOT / "docs" / "pictures" / "report.png").stat().st_size < 200_000

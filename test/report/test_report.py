@@ -1,4 +1,4 @@
-"""The report of a run: what is kept of the numbers, in a page and in a terminal."""
+"""Report of a run: decimated data of the page, notes, terminal output."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from odometry_bag import odometry_bag
 from paths import BAGS
-from test_replay import odometry_bag
 
 from cylconn_ros.cli.main import main
 from cylconn_ros.core.layout import STATE_FIELDS
@@ -23,7 +23,7 @@ from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.report import decimate, gather, page, payload
 from cylconn_ros.report.panels import PANELS, States
-from cylconn_ros.report.sparkline import sparkline, strip
+from cylconn_ros.report.sparkline import regime_strip, sparkline
 from cylconn_ros.scene.scene import shipped
 
 KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
@@ -45,7 +45,7 @@ def report(demo_report: Path) -> Path:
 
 
 class Packed:
-    """The numbers in a page, read by what its head says."""
+    """The packed data of a page, decoded with its header."""
 
     def __init__(self, head: dict[str, Any], numbers: str) -> None:
         self.head = json.loads(json.dumps(head))
@@ -61,8 +61,8 @@ class Packed:
         return [self(place) for place in curve["drawn"]]
 
 
-def made_up(count: int) -> gather.Gathered:
-    """States of noise, with one peak of one sample in each field."""
+def noise_data(count: int) -> gather.RunData:
+    """States of noise, with one peak of a single sample in each field."""
     random = np.random.default_rng(7)
     fields: dict[str, np.ndarray] = {}
     for name, width in STATE_FIELDS:
@@ -80,38 +80,38 @@ def made_up(count: int) -> gather.Gathered:
     geometry = gather.Geometry(fixed[:, :3], fixed, None, 0.02, 0.1, (np.nan, 1.0), (0.0, 0.0, 1.0))
     none = np.zeros(count, bool)
     states = States(fields, 0.02, 1.0)
-    return gather.Gathered(
-        np.arange(count) * 1e-3, 0, none, lambda _: in_pieces(states), lambda _: geometry, 0.02
+    return gather.RunData(
+        np.arange(count) * 1e-3, 0, none, lambda _: in_blocks(states), lambda _: geometry, 0.02
     )
 
 
-def in_pieces(states: States) -> Iterator[States]:
-    """States as a file gives them: some at a time."""
+def in_blocks(states: States) -> Iterator[States]:
+    """Yield states block by block, as they are read from a file."""
     count = len(states("regime"))
     for at in range(0, count, 997):
         fields = {name: values[at : at + 997] for name, values in states.fields.items()}
         yield States(fields, states.radius, states.preload)
 
 
-def states_of(found: gather.Gathered) -> States:
-    pieces = list(found.pieces(None))
-    names = pieces[0].fields
-    fields = {n: np.concatenate([piece.fields[n] for piece in pieces]) for n in names}
-    return States(fields, pieces[0].radius, pieces[0].preload)
+def states_of(found: gather.RunData) -> States:
+    blocks = list(found.read_states(None))
+    names = blocks[0].fields
+    fields = {n: np.concatenate([block.fields[n] for block in blocks]) for n in names}
+    return States(fields, blocks[0].radius, blocks[0].preload)
 
 
-def geometry_of(found: gather.Gathered) -> gather.Geometry:
+def geometry_of(found: gather.RunData) -> gather.Geometry:
     return found.geometry_at(np.arange(len(found.time)))
 
 
-# What is kept of the numbers
+# Decimation
 
 
 @pytest.mark.parametrize(("count", "buckets"), [(1000, 7), (13, 13), (5, 20), (1, 3)])
 def test_a_bucket_has_the_extremes_of_its_samples(count: int, buckets: int) -> None:
     values = np.random.default_rng(count).normal(size=count)
     values[::4] = np.nan
-    first = decimate.starts(count, buckets)
+    first = decimate.bucket_starts(count, buckets)
     low, high = decimate.extremes(values, first)
     parts = np.split(values, first[1:])
     assert len(parts) == min(count, buckets)
@@ -121,11 +121,11 @@ def test_a_bucket_has_the_extremes_of_its_samples(count: int, buckets: int) -> N
         assert [least, most] == [finite.min(), finite.max()] if len(finite) else np.isnan(least)
 
 
-def test_telling_rows_hold_the_extremes_of_every_column() -> None:
+def test_extreme_rows_contain_the_extremes_of_every_column() -> None:
     columns = np.random.default_rng(3).normal(size=(2, 5000))
     columns[0, 77] = np.nan
-    first = decimate.starts(5000, 11)
-    rows = decimate.telling_rows(columns, first, 5000)
+    first = decimate.bucket_starts(5000, 11)
+    rows = decimate.extreme_rows(columns, first, 5000)
     assert len(rows) <= 11 * 5 + 1
     for start, end in zip(first, [*first[1:], 5000], strict=True):
         kept = rows[(rows >= start) & (rows < end)]
@@ -137,7 +137,7 @@ def test_telling_rows_hold_the_extremes_of_every_column() -> None:
 def test_bits_of_a_single_sample_are_kept() -> None:
     bits = np.zeros(1000, np.int64)
     bits[537] = 8
-    assert decimate.union(bits, decimate.starts(1000, 10)).tolist() == [
+    assert decimate.bitwise_or(bits, decimate.bucket_starts(1000, 10)).tolist() == [
         0,
         0,
         0,
@@ -151,16 +151,16 @@ def test_bits_of_a_single_sample_are_kept() -> None:
     ]
 
 
-def test_a_short_run_is_in_the_page_whole(run: Run) -> None:
+def test_the_page_contains_every_sample_of_a_short_run(run: Run) -> None:
     found = gather.gather(run)
-    packed = Packed(*payload.build(found))
+    packed = Packed(*payload.build_payload(found))
     assert packed.head["whole"]
     state = run.state
     for panel, label, expected in (
         ("slide", "u₁", state["displacement"]),
         ("speed", "spin R ω₁", 0.02 * state["angular_velocity"][:, 0]),
         ("normal", "FN", state["normal_force"]),
-        ("normal", "preload", state["normal_force"]),  # the uppermost of what is stacked
+        ("normal", "preload", state["normal_force"]),  # the top of the stack
         ("f1", "friction", state["force_friction"]),
         ("violation", "offset [mm]", state["offset_violation"] * 1e3),
     ):
@@ -172,8 +172,8 @@ def test_a_short_run_is_in_the_page_whole(run: Run) -> None:
 
 
 def test_a_million_samples_keep_every_extreme_in_a_small_page() -> None:
-    found = made_up(1_000_000)
-    head, numbers = payload.build(found)
+    found = noise_data(1_000_000)
+    head, numbers = payload.build_payload(found)
     packed = Packed(head, numbers)
     assert not head["whole"]
     assert len(numbers) + len(json.dumps(head)) < 8e6
@@ -186,24 +186,27 @@ def test_a_million_samples_keep_every_extreme_in_a_small_page() -> None:
         assert len(low) == len(high) == payload.BUCKETS
         values = states_of(found)(name, component)
         np.testing.assert_array_equal(
-            low, np.minimum.reduceat(values, decimate.starts(10**6, payload.BUCKETS)).astype("f4")
+            low,
+            np.minimum.reduceat(values, decimate.bucket_starts(10**6, payload.BUCKETS)).astype(
+                "f4"
+            ),
         )
         assert (low.min(), high.max()) == (-1e3, 1e3)
     events = packed.head["events"]
-    assert int((packed(events["regime"]["bits"]) & 2).sum()) == 2  # the one sample that stuck
+    assert int((packed(events["regime"]["bits"]) & 2).sum()) == 2  # the single sample with stick
     assert int(packed(events["flags"]["bits"]).sum()) == 1 << 6
     path = packed.head["path"]
     assert packed(path["u1"]).max() == packed(path["f1"]).max() == 1e3
     assert len(packed(path["time"])) <= 9 * payload.PATH_BUCKETS + 1
 
 
-def test_the_3d_view_knows_where_the_bodies_are(run: Run) -> None:
+def test_the_3d_view_has_the_positions_of_the_bodies(run: Run) -> None:
     found = gather.gather(run)
     geometry = geometry_of(found)
     state = run.state
     slot = gather.rotate(geometry.axes, np.array([1.0, 0.0, 0.0]))
     node_b = geometry.origin + state["length"][:, None] * slot
-    # The scene puts the mass centre 2.1 mm off the axis and 1.2 mm beyond node b.
+    # In the scene the mass centre is 2.1 mm off the axis and 1.2 mm beyond node b.
     assert geometry.centre is not None
     apart = np.linalg.norm(geometry.centre - node_b, axis=1)
     np.testing.assert_allclose(apart, np.hypot(1.2e-3, np.hypot(1.8e-3, 1.0e-3)), rtol=1e-3)
@@ -227,7 +230,7 @@ def test_poses_are_found_under_other_names_and_types(tmp_path: Path) -> None:
 
 def test_stops_of_a_real_recording_are_shown() -> None:
     run = read_run(BAGS / "stop_impact")
-    packed = Packed(*payload.build(gather.gather(run)))
+    packed = Packed(*payload.build_payload(gather.gather(run)))
     stop = packed.head["events"]["stop"]
     np.testing.assert_array_equal(packed(stop["bits"]), run.state["stop"])
     assert set(packed(stop["bits"])) == {0, 1, 2}
@@ -235,7 +238,7 @@ def test_stops_of_a_real_recording_are_shown() -> None:
     assert packed.head["geometry"]["stops"] == [0.0, 0.1]
 
 
-def test_what_is_wrong_with_the_samples_is_said(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_problems_of_the_samples_are_noted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     state = run.state
     columns = dict(state.columns)
     nanosec = columns["header.stamp.nanosec"].copy()
@@ -247,15 +250,15 @@ def test_what_is_wrong_with_the_samples_is_said(run: Run, monkeypatch: pytest.Mo
     table = type(state)(state.topic, state.type, keep, keep, columns, 3)
     broken = Run(run.path, run.metadata, {}, "the end is missing")
     broken.types = {state.topic: state.type}
-    monkeypatch.setattr(broken, "pieces", lambda *_, only=None: iter([table]))
+    monkeypatch.setattr(broken, "read_blocks", lambda *_, fields=None: iter([table]))
     found = gather.gather(broken)
-    head, numbers = payload.build(found)
-    said = " ".join(found.notes)
-    assert "not whole: the end is missing" in said
-    assert "could not be decoded: states 3." in said
-    assert "stamps repeat or go back: samples 1." in said
-    assert "Gaps without samples: 1, 0.051 s" in said
-    assert "not finite, left blank there: 1." in said
+    head, numbers = payload.build_payload(found)
+    notes = " ".join(found.notes)
+    assert "incomplete: the end is missing" in notes
+    assert "Skipped: 3 states that cannot be decoded." in notes
+    assert "Skipped: duplicate or non-monotonic stamps (samples: 1)." in notes
+    assert "Gaps without samples: 1, 0.051 s" in notes
+    assert "not finite (drawn blank): 1." in notes
     assert np.flatnonzero(found.gaps).tolist() == [99]
     (normal,) = Packed(head, numbers).curve("normal", "FN")
     assert np.flatnonzero(np.isnan(normal)).tolist() == [59]
@@ -264,20 +267,20 @@ def test_what_is_wrong_with_the_samples_is_said(run: Run, monkeypatch: pytest.Mo
 def test_a_part_of_a_run(run: Run) -> None:
     found = gather.gather(run, 1.0, 1.5)
     assert (found.time[0], found.time[-1]) == (1.0, 1.5)
-    assert "Only 1 to 1.5 s" in found.notes[0]
-    with pytest.raises(RecordingError, match=r"no sample between 9 and inf s; it has 0 to 3.999 s"):
+    assert "Shown: 1 to 1.5 s" in found.notes[0]
+    with pytest.raises(RecordingError, match=r"no sample between 9 and inf s; it has 0 to 4 s"):
         gather.gather(run, 9.0)
 
 
 def test_every_field_of_a_panel_is_in_the_message() -> None:
-    found = made_up(10)
+    found = noise_data(10)
     for panel in PANELS:
         for curve in panel.curves:
             assert curve.values(states_of(found)).shape == (10,), f"{panel.title}: {curve.label}"
 
 
-def test_what_a_run_says_of_itself_is_text_and_no_markup() -> None:
-    head, numbers = payload.build(made_up(20))
+def test_texts_of_a_run_are_escaped() -> None:
+    head, numbers = payload.build_payload(noise_data(20))
     evil = "</script><img src=x onerror=alert(1)>%%numbers%%"
     head["empty"] = [evil]
     text = page.render(evil, [page.Fact(evil, evil)], [evil], [(evil, evil)], evil, head, numbers)
@@ -286,9 +289,9 @@ def test_what_a_run_says_of_itself_is_text_and_no_markup() -> None:
     assert text.count(numbers) == 1
 
 
-def test_the_page_refers_to_nothing_outside(report: Path) -> None:
-    outside = r"""(src|href)=["']?(?!data:)\w|url\(|@import|https?:|\bimport\b.*from|\bfetch\("""
-    assert re.search(outside, report.read_text()) is None
+def test_the_page_has_no_external_references(report: Path) -> None:
+    external = r"""(src|href)=["']?(?!data:)\w|url\(|@import|https?:|\bimport\b.*from|\bfetch\("""
+    assert re.search(external, report.read_text()) is None
 
 
 # In the terminal
@@ -308,11 +311,11 @@ def test_a_sparkline_shows_a_peak_of_one_sample() -> None:
     assert sparkline(np.array([]), 9) == ""
 
 
-def test_a_strip_passes_over_nothing() -> None:
+def test_a_strip_marks_buckets_with_several_states() -> None:
     states = np.full(1000, 2)
     states[500:] = 1
     states[777] = 2
-    assert strip(states, ".#~", 10) == "~~~~~##/##"
+    assert regime_strip(states, ".#~", 10) == "~~~~~##/##"
 
 
 def test_info_draws_the_course_of_a_run(
@@ -331,26 +334,26 @@ def test_info_draws_the_course_of_a_run(
 # The command
 
 
-def test_the_command_says_what_it_wrote(
+def test_the_command_prints_file_and_notes(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "r.html"
     part = ["--from", "3", "--to", "3.25", "--title", "The last <metre>"]
     assert main(["report", str(recording), "-o", str(output), *part]) == 0
-    said = capsys.readouterr().out
-    assert "251 samples: every sample" in said
-    assert "note        Only 3 to 3.25 s of 3.999 s." in said
+    printed = capsys.readouterr().out
+    assert "251 samples: every sample" in printed
+    assert "note        Shown: 3 to 3.25 s of 4 s." in printed
     text = output.read_text()
     assert "<title>The last &lt;metre&gt;</title>" in text
     assert "friction.coefficient: 0.2" in text
     assert main(["report", str(BAGS / "lossy"), "-o", str(output)]) == 0
-    assert "repeat or go back: samples 1." in capsys.readouterr().out
+    assert "duplicate or non-monotonic stamps (samples: 1)" in capsys.readouterr().out
     assert main(["report", str(recording), "-o", str(tmp_path / "r.pdf")]) == 2
     assert main(["report", str(recording), "-o", str(tmp_path / "no" / "r.html")]) == 2
     assert "No such file or directory" in capsys.readouterr().err
 
 
-def test_a_recording_of_inputs_alone_is_sent_to_replay(
+def test_a_recording_without_states_is_refused_with_the_remedy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pose = TopicInfo("/body_b/pose", "geometry_msgs/msg/PoseStamped")

@@ -1,4 +1,4 @@
-"""The page of a report in a real browser: plots, cursor, keys, light and dark."""
+"""The report page in Chromium: plots, cursor, zoom, keys, light and dark theme."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from browser import Page, browser
-from test_report import made_up
+from test_report import noise_data
 
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.report import page, payload
@@ -40,7 +40,7 @@ def opened(chromium: Page, report: Path) -> Page:
 
 
 VALUES = "built.all.map((one) => [one.parts.root.dataset.key ?? 'events', ...one.values])"
-# For every plot, the curves that leave no trace: drawn alone, in the same scale, nothing changes.
+# For every plot, the invisible curves: drawn alone in the same scale, they change no pixel.
 MISSING = """
 built.all.filter((one) => one.panel).map((one) => {
   const { base, stage } = one.parts, { curves } = one.panel;
@@ -68,7 +68,7 @@ built.all.map((one) => {
 """
 
 
-# For every plot, the colour most frequent in the columns at two shares of its width.
+# For every plot, the most frequent colours of two pixel columns.
 BEHIND = """
 built.all.filter((one) => one.panel).map((one) => {
   const canvas = one.parts.base, context = canvas.getContext("2d");
@@ -85,7 +85,7 @@ built.all.filter((one) => one.panel).map((one) => {
 
 
 def place(opened: Page, key: str, share: float) -> tuple[float, float]:
-    """A point in a plot, at a share of its width."""
+    """Return a point in a plot, at a share of its width."""
     box = opened.run(
         f"(() => {{ const stage = document.querySelector('[data-key={key}] .stage');"
         " stage.scrollIntoView({ block: 'center' }); const b = stage.getBoundingClientRect();"
@@ -94,7 +94,7 @@ def place(opened: Page, key: str, share: float) -> tuple[float, float]:
     return box[0] + box[3] + share * box[4], box[1] + 0.4 * box[2]
 
 
-def test_the_page_opens_without_a_complaint_and_without_the_network(opened: Page) -> None:
+def test_the_page_opens_without_errors_and_without_the_network(opened: Page) -> None:
     assert opened.problems == []
     assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
     assert opened.run("document.getElementById('failure').hidden")
@@ -108,26 +108,26 @@ def test_every_plot_has_its_curves(chromium: Page, report: Path, dark: bool) -> 
     shown = {"slide", "spin", "speed", "normal", "friction", "f1", "m1", "across", "bending"}
     assert {*shown, "violation", "rates", "energy", "residual"} <= set(missing)
     assert {key: labels for key, labels in missing.items() if labels} == {}
-    assert min(chromium.run(COLOURS)) > 5  # nothing is blank, the disc and the 3-D view neither
+    assert min(chromium.run(COLOURS)) > 5  # neither the disc nor the 3-D view is blank
     page_colour = chromium.run("getComputedStyle(document.body).backgroundColor")
     red = int(re.findall(r"\d+", page_colour)[0])
     assert red < 60 if dark else red > 200
 
 
-def test_bands_tell_stick_from_slip_behind_every_plot(opened: Page) -> None:
+def test_the_background_distinguishes_stick_and_slip_in_every_plot(opened: Page) -> None:
     behind = opened.run(BEHIND)
     assert len(behind) > 10
     assert [key for key, slip, stick in behind if slip == stick or not slip or not stick] == []
-    for at in (1, 2):  # the same tint wherever no area covers it
+    for at in (1, 2):  # the same tint in all plots without an area
         tints = [colours[at] for colours in behind]
         assert tints.count(max(tints, key=tints.count)) >= len(behind) - 2
 
 
-def test_one_cursor_moves_every_value(opened: Page, run: Run) -> None:
+def test_the_cursor_updates_all_readings(opened: Page, run: Run) -> None:
     seen = []
     for share in (0.1, 0.5):
         opened.mouse("mouseMoved", *place(opened, "normal", share))
-        opened.settle()
+        opened.wait_for_drawing()
         seen.append(opened.run(VALUES))
         k = opened.run("built.link.index")
         assert abs(k - share * 3999) < 12  # a pixel is 5 samples
@@ -140,7 +140,7 @@ def test_one_cursor_moves_every_value(opened: Page, run: Run) -> None:
         assert float(readings["disc"][0].split()[-1]) == pytest.approx(limit, rel=1e-4)
         assert f"l {run.state['length'][k]:.4f}" in readings["scene"][0]
     same = [a[0] for a, b in zip(*seen, strict=True) if a == b]
-    assert same == ["events"]  # it slips at both
+    assert same == ["events"]  # slip at both times
 
 
 def test_dragging_zooms_all_plots_and_a_double_click_shows_all(opened: Page) -> None:
@@ -150,7 +150,7 @@ def test_dragging_zooms_all_plots_and_a_double_click_shows_all(opened: Page) -> 
     opened.mouse("mousePressed", x0, y, button="left", buttons=1, clickCount=1)
     opened.mouse("mouseMoved", x1, y, button="left", buttons=1)
     opened.mouse("mouseReleased", x1, y, button="left", clickCount=1)
-    opened.settle()
+    opened.wait_for_drawing()
     low, high = opened.run("built.link.view")
     assert (low, high) == (pytest.approx(1.0, abs=0.02), pytest.approx(2.0, abs=0.02))
     after = opened.run("built.all.map((one) => one.parts.base.toDataURL())")
@@ -158,7 +158,7 @@ def test_dragging_zooms_all_plots_and_a_double_click_shows_all(opened: Page) -> 
     for count in (1, 2):
         opened.mouse("mousePressed", x1, y, button="left", buttons=1, clickCount=count)
         opened.mouse("mouseReleased", x1, y, button="left", clickCount=count)
-    opened.settle()
+    opened.wait_for_drawing()
     assert opened.run("built.link.isWhole")
     assert opened.problems == []
 
@@ -187,8 +187,8 @@ def test_the_button_changes_light_and_dark(opened: Page) -> None:
     assert opened.problems == []
 
 
-def test_a_long_run_says_how_it_is_shown(chromium: Page, tmp_path: Path) -> None:
-    head, numbers = payload.build(made_up(100_000))
+def test_a_long_run_notes_its_decimation(chromium: Page, tmp_path: Path) -> None:
+    head, numbers = payload.build_payload(noise_data(100_000))
     path = tmp_path / "long.html"
     path.write_text(page.render("long", [], [], [], "", head, numbers))
     chromium.problems.clear()
@@ -199,13 +199,13 @@ def test_a_long_run_says_how_it_is_shown(chromium: Page, tmp_path: Path) -> None
     assert "100,000 samples are shown in 8,000 buckets of up to 13" in notes
     assert "every extreme is kept" in notes
     chromium.run("built.link.setCursor(73.18)")
-    chromium.settle()
+    chromium.wait_for_drawing()
     readings = {key: first for key, first, *_ in chromium.run(VALUES)}
     assert "… 1000.0" in readings["slide"]
     assert dict(chromium.run(MISSING))["slide"] == []
 
 
-def test_a_damaged_page_says_so(chromium: Page, report: Path, tmp_path: Path) -> None:
+def test_a_damaged_page_shows_an_error(chromium: Page, report: Path, tmp_path: Path) -> None:
     text = report.read_text()
     path = tmp_path / "damaged.html"
     at = text.index('id="numbers">') + 500
@@ -219,7 +219,9 @@ def test_a_damaged_page_says_so(chromium: Page, report: Path, tmp_path: Path) ->
     assert not chromium.run("document.getElementById('failure').hidden")
 
 
-def test_without_a_browser_the_test_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_browser_fails_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("CYLCONN_BROWSER", "no-such-browser")
     with pytest.raises(AssertionError, match="sudo apt install chromium"):
         __import__("browser").find_browser()

@@ -1,4 +1,4 @@
-"""The command line of a node: parameters taken out, the rest left to ROS."""
+"""Command line of a node: parameters are read, other arguments are passed to ROS."""
 
 import math
 
@@ -12,7 +12,7 @@ def read(*arguments, node="connector"):
     return read_arguments(["--ros-args", *arguments], node)
 
 
-def test_nothing_given():
+def test_no_arguments():
     arguments = read_arguments([], "connector")
     assert (arguments.name, arguments.namespace) == ("connector", "/")
     assert (arguments.parameters, arguments.ros, arguments.help) == ({}, [], False)
@@ -25,7 +25,7 @@ def test_values_are_yaml():
     assert found == {"a.b": 1, "c": [1, 2.5], "d": math.inf, "e": 0.001}
 
 
-def test_the_last_one_counts_whether_file_or_value(tmp_path):
+def test_last_file_or_value_takes_precedence(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text("/**: {ros__parameters: {period: 1, timeout: 1}}")
     found = read("-p", "period:=2", "--params-file", str(path), "-p", "timeout:=3").parameters
@@ -33,7 +33,7 @@ def test_the_last_one_counts_whether_file_or_value(tmp_path):
     assert read(f"--params-file={path}").parameters == {"period": 1, "timeout": 1}
 
 
-def test_parameters_of_other_nodes_are_theirs():
+def test_parameters_of_other_nodes_are_ignored():
     assert read("-p", "connector:period:=1", "-p", "plant:timeout:=2").parameters == {"period": 1}
 
 
@@ -51,7 +51,7 @@ connector: {ros__parameters: {period: 1}}
     assert read("-r", "connector:__name:=b").name == "b"
 
 
-def test_everything_else_goes_to_ros():
+def test_other_arguments_are_passed_to_ros():
     rest = ["--log-level", "warn", "-r", "a:=b", "--disable-rosout-logs"]
     assert read(*rest).ros == ["--ros-args", *rest]
     assert read_arguments(["--ros-args", "-r", "a:=b", "--", "--help"], "connector").help
@@ -60,18 +60,18 @@ def test_everything_else_goes_to_ros():
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--verbose"], "--verbose: not understood; ROS arguments come after --ros-args"),
+        (["--verbose"], "--verbose: unknown argument; ROS arguments come after --ros-args"),
         (["--ros-args", "-p", "period=1"], "-p period=1: must be name:=value"),
         (["--ros-args", "--params-file"], "--params-file: a value must follow"),
         (["--ros-args", "-r"], "-r: a value must follow"),
     ],
 )
-def test_what_is_not_understood_is_refused(arguments, text):
+def test_invalid_arguments_are_refused(arguments, text):
     with pytest.raises(UsageError) as caught:
         read_arguments(arguments, "connector")
     assert str(caught.value) == text
 
 
-def test_a_value_that_is_not_yaml_is_refused_by_name():
+def test_value_that_is_not_yaml_is_refused_with_its_name():
     with pytest.raises(SceneError, match=r"gravity = \[0, 0: line 1: "):
         read("-p", "gravity:=[0, 0")

@@ -1,4 +1,4 @@
-"""Several connectors of one process: each its own numbers, in one run, reported one by one."""
+"""Several connectors in one process: separate numbers, one run, diagnostics in turns."""
 
 import os
 import subprocess
@@ -53,12 +53,12 @@ def ros(scene: Path, *more: str) -> list[str]:
 
 
 def command(*words: object) -> int:
-    """A command of cylconn in this process; its exit code."""
+    """Run a command of cylconn in this process; return the exit code."""
     return main.main([str(word) for word in words])
 
 
-def test_each_gets_its_own_numbers_and_all_are_in_one_run(scene, tmp_path, capsys):
-    with program([*module("connector.node"), *ros(scene)], tmp_path) as serving:
+def test_each_connector_has_its_own_numbers_in_one_run(scene, tmp_path, capsys):
+    with program([*module("connector.node"), *ros(scene)], tmp_path) as connecting:
         plants = [
             program([*module("plant.node"), *ros(scene, "-r", f"__ns:=/{name}")], tmp_path)
             for name in ("front", "rear")
@@ -66,19 +66,19 @@ def test_each_gets_its_own_numbers_and_all_are_in_one_run(scene, tmp_path, capsy
         with plants[0] as front, plants[1] as rear:
             assert front.wait() == 0, front.output
             assert rear.wait() == 0, rear.output
-        assert serving.stop() == 0, serving.output
+        assert connecting.stop() == 0, connecting.output
     (run,) = (tmp_path / "runs").iterdir()
     assert read_run(run).connectors == ["front", "rear"]
     for name in ("front", "rear"):
         stamp, found = states(read_run(run, name))
-        expected = simulate(load(scene, connector=name), STEPS).outs[:, layout.STATE]
+        expected = simulate(load(scene, connector=name), samples=STEPS).outs[:, layout.STATE]
         _, first = np.unique(stamp, return_index=True)
         kept = [k for k in range(layout.NSTATE) if k + layout.STATE0 != layout.COMPUTING_TIME]
         np.testing.assert_array_equal(found[first][:, kept], expected[:, kept])
         assert command("replay", run, "--connector", name, "--compare") == 0
         assert "the same" in capsys.readouterr().out
         assert command("info", run, "--connector", name) == 0
-        assert "samples     20" in capsys.readouterr().out  # the last ones may be sent again
+        assert "samples     20" in capsys.readouterr().out  # the last ones may be retransmitted
     kept = tmp_path / "rear_alone"
     assert command("replay", run, "--connector", "rear", "-o", kept) == 0
     assert command("replay", kept, "--compare") == 0
@@ -93,7 +93,7 @@ def test_each_gets_its_own_numbers_and_all_are_in_one_run(scene, tmp_path, capsy
         Bag(run, "side")
 
 
-def test_one_that_is_silent_does_not_hold_up_the_other(scene, tmp_path):
+def test_connector_without_input_does_not_delay_the_other(scene, tmp_path):
     peer = Peer()
     try:
         reports = peer.collect(DiagnosticArray, "/diagnostics")
@@ -105,12 +105,12 @@ def test_one_that_is_silent_does_not_hold_up_the_other(scene, tmp_path):
             source = Source(peer, prefix="/rear")
             source.wait()
 
-            def answered():
+            def received():
                 source.send(1_000_000)
                 peer.spin_for(0.05)
                 return wrenches["rear"]
 
-            assert stamp_of(peer.spin_until(answered)[0]) == 1_000_000
+            assert stamp_of(peer.spin_until(received)[0]) == 1_000_000
             assert not wrenches["front"]
             peer.spin_until(
                 lambda: (
@@ -125,7 +125,7 @@ def test_one_that_is_silent_does_not_hold_up_the_other(scene, tmp_path):
         peer.close()
 
 
-def test_more_than_have_room_in_one_report_are_reported_on_in_turns(tmp_path):
+def test_many_connectors_are_reported_in_turns(tmp_path):
     names = [f"c{k}" for k in range(23)]
     scene = tmp_path / "scene.yaml"
     text = SCENE.replace("[front, rear]", f"[{', '.join(names)}]").replace("true", "false")
@@ -135,20 +135,26 @@ def test_more_than_have_room_in_one_report_are_reported_on_in_turns(tmp_path):
         reports = peer.collect(DiagnosticArray, "/diagnostics")
         with program([*module("connector.node"), *ros(scene)], tmp_path):
             wrong = peer.node.create_publisher(WrenchStamped, "/c22/body_b/pose", 10)
-            peer.spin_until(lambda: "another message type on /c22" in str(reports), "the type")
+            peer.spin_until(
+                lambda: "/c22/body_b/pose: a publisher has message type" in str(reports), "the type"
+            )
             assert wrong.get_subscription_count() == 0
-            peer.spin_until(lambda: len(reports) >= 8, "a report on everyone")
+            peer.spin_until(lambda: len(reports) >= 8, "a report on all connectors")
     finally:
         peer.close()
-    told = [[status.name for status in array.status] for array in reports]
-    assert {len(one) for one in told} <= {9, 10, 6}  # three a time, the last two; the recording
-    assert sum("connector/c22: samples" in one for one in told[-8:]) == 1
+    names_of = [[status.name for status in array.status] for array in reports]
+    assert {len(one) for one in names_of} <= {
+        9,
+        10,
+        6,
+    }  # three connectors, the last two; the recording
+    assert sum("connector/c22: samples" in one for one in names_of[-8:]) == 1
     every = {f"connector/{name}: {part}" for name in names for part in ("samples", "topics")}
-    assert {name for one in told for name in one} >= every
+    assert {name for one in names_of for name in one} >= every
 
 
-def test_the_profile_for_many_messages_is_read_and_gives_room(tmp_path):
-    """Here on this machine only, and without shared memory, which the killed leave behind."""
+def test_profile_for_many_messages_enlarges_the_socket_buffer(tmp_path):
+    """On the loopback interface, without shared memory, which killed processes leave behind."""
     text = (CONFIG / "fastdds_many.xml").read_text(encoding="utf-8")
     kept, dropped = (
         "<type>UDPv4</type>",
@@ -182,21 +188,21 @@ print("room", max(room))
 
 
 def change(peer: Peer) -> None:
-    """Assert that parameters are below the names, and that a wrong one names its own."""
+    """Assert that parameters have the prefix of their connector, also in error messages."""
 
-    def answer(name: str, value: float) -> tuple[bool, str]:
+    def set_parameter(name: str, value: float) -> tuple[bool, str]:
         number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
         request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
         result = peer.call(SetParameters, "/connector/set_parameters", request).results[0]
         return result.successful, result.reason
 
-    assert answer("rear.friction.coefficient", 0.5) == (
+    assert set_parameter("rear.friction.coefficient", 0.5) == (
         False,
         "parameters cannot change during a recording; call ~/stop_recording",
     )
     assert peer.call(Trigger, "/connector/stop_recording").success
-    assert answer("rear.friction.coefficient", 0.5)[0]
-    refused = answer("rear.friction.radius", -1.0)
+    assert set_parameter("rear.friction.coefficient", 0.5)[0]
+    refused = set_parameter("rear.friction.radius", -1.0)
     assert not refused[0]
     assert "rear.friction.radius = -1.0: must be" in refused[1]
     names = [f"{name}.friction.coefficient" for name in ("front", "rear")]
@@ -205,18 +211,18 @@ def change(peer: Peer) -> None:
     assert [value.double_value for value in values] == [0.2, 0.5]
 
 
-def test_a_plant_serves_the_one_that_its_namespace_names(scene, tmp_path):
+def test_plant_needs_a_namespace_that_names_a_connector(scene, tmp_path):
     with program([*module("plant.node"), *ros(scene, "-r", "__ns:=/side")], tmp_path) as moving:
         assert moving.wait() == 2
-        assert "a plant serves one of them, whose name must end its namespace" in moving.output
+        assert "the plant's namespace must end with one of these names" in moving.output
 
 
-def test_quick_connectors_are_asked(monkeypatch):
+def test_quick_connectors_benchmark(monkeypatch):
     monkeypatch.setattr(connectors, "_NUMBERS", (1, 3))
     monkeypatch.setattr(connectors, "_LOADS", [connectors.Load(3, 50.0, ("body_a", "body_b"))])
     found = connectors.measure(Settings.short(load), private_environment())
     lost = [m for m in found.measurements if m.quantity == "lost"]
-    assert {m.contestant for m in lost} == {
+    assert {m.subject for m in lost} == {
         "1 connector",
         "3 connectors",
         "3 at 50 Hz, both bodies free",

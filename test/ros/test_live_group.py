@@ -1,9 +1,9 @@
-"""Two bearings of one shaft served by one process, with the shaft's simulator in another."""
+"""Two bearings of one shaft in one process, with the shaft's simulator in another."""
 
 import numpy as np
+from bearings import parameters
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from ros_processes import Peer, module, program, stamp_of, wrench_of
-from test_group import parameters
 
 from cylconn_ros.cli import main
 from cylconn_ros.core import layout
@@ -29,7 +29,7 @@ class Shaft:
         self.wrenches = [peer.collect(WrenchStamped, f"/{n}/body_b/wrench") for n in NAMES]
 
     def wait(self) -> None:
-        """Wait for the connector process, and see that it asks for the motion once."""
+        """Wait for the connector process; it subscribes to the motion once."""
         self.peer.spin_until(lambda: all(s.get_subscription_count() for s in self.senders))
         assert [s.get_subscription_count() for s in self.senders] == [1, 1]
         assert self.peer.node.count_subscribers("/at1/body_b/pose") == 0
@@ -51,19 +51,19 @@ class Shaft:
         self.senders[0].publish(pose)
         self.senders[1].publish(twist)
 
-    def ask(self, stamp: int, state: np.ndarray) -> list[np.ndarray]:
-        """The wrenches on the shaft that answer a sample."""
+    def exchange(self, stamp: int, state: np.ndarray) -> list[np.ndarray]:
+        """Send a sample and return the wrenches on the shaft."""
 
-        def answered():
-            found = [[w for w in came if stamp_of(w) == stamp] for came in self.wrenches]
+        def received():
+            found = [[w for w in topic if stamp_of(w) == stamp] for topic in self.wrenches]
             return found if all(found) else None
 
         self.send(stamp, state)
-        found = self.peer.spin_until(answered, f"answers to {stamp}")
-        return [np.array(wrench_of(came[0])) for came in found]
+        found = self.peer.spin_until(received, f"wrenches for {stamp}")
+        return [np.array(wrench_of(wrenches[0])) for wrenches in found]
 
 
-def test_the_loop_over_topics_is_the_loop_in_process(tmp_path, capsys):
+def test_loop_over_topics_gives_the_same_numbers_as_in_process(tmp_path, capsys):
     scenes = several(parameters((-0.3, 0.4), com=0.05, twist=(0.5, 0.0, 0.0, 20.0, 0.0, 0.0)))
     recorded = several(
         {**parameters((-0.3, 0.4), com=0.05), "record": {"enabled": True}, "timeout": 60.0}
@@ -76,17 +76,17 @@ def test_the_loop_over_topics_is_the_loop_in_process(tmp_path, capsys):
     peer = Peer()
     try:
         command = [*module("connector.node"), "--ros-args", "--params-file", str(file)]
-        with program(command, tmp_path) as serving:
+        with program(command, tmp_path) as connecting:
             shaft = Shaft(peer)
             shaft.wait()
-            assert "at0, at1: share bodies and are solved together" in serving.output
+            assert "at0, at1: shared bodies, coupled solution" in connecting.output
             for k in range(steps):
                 np.testing.assert_array_equal(bodies.states[0], expected.samples[k, 0, :26])
-                wrenches = shaft.ask(k * MS, bodies.states[0])
+                wrenches = shaft.exchange(k * MS, bodies.states[0])
                 for c in (0, 1):
                     np.testing.assert_array_equal(wrenches[c], expected.outs[k, c, 6:12])
                 bodies.step([(nothing, wrench) for wrench in wrenches])
-            assert serving.stop() == 0, serving.output
+            assert connecting.stop() == 0, connecting.output
     finally:
         peer.close()
     (run,) = (tmp_path / "runs").iterdir()

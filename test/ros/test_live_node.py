@@ -1,4 +1,4 @@
-"""The connector as a process among foreign nodes: topics, bad input, lifecycle, services, QoS."""
+"""Connector process with other nodes: topics, bad input, lifecycle, services, QoS."""
 
 import signal
 import sys
@@ -22,10 +22,10 @@ NAN = float("nan")
 
 
 @pytest.mark.parametrize("form", ["pose_twist", "odometry"])
-def test_a_foreign_simulator_is_answered(connector, peer, form):
+def test_simulator_gets_wrench_state_and_joint_state(connector, peer, form):
     with connector(f"input:={form}", "wrench.axes:=world"):
         listener, source = Listener(peer), Source(peer, form)
-        wrench = listener.answer(source, 5 * MS, position=(0.1, 0.0, 0.0))
+        wrench = listener.exchange(source, 5 * MS, position=(0.1, 0.0, 0.0))
         assert wrench_of(wrench)[:3] == pytest.approx([0.0, 0.0, WEIGHT], abs=1e-9)
         peer.spin_until(lambda: listener.a and listener.states and listener.joints)
         assert wrench.header.frame_id == "world"
@@ -42,15 +42,15 @@ def test_a_foreign_simulator_is_answered(connector, peer, form):
         assert 0.0 < state.computing_time < 1.0
         assert (stamp_of(joints), list(joints.name)) == (5 * MS, ["slide", "spin"])
         assert joints.position[0] == pytest.approx(0.1)
-        listener.answer(source, 6 * MS, position=(0.1, 0.0, 0.0), velocity=(0.7, 0.0, 0.0))
+        listener.exchange(source, 6 * MS, position=(0.1, 0.0, 0.0), velocity=(0.7, 0.0, 0.0))
         peer.spin_until(lambda: stamp_of(listener.joints[-1]) == 6 * MS)
         assert listener.joints[-1].velocity[0] == pytest.approx(0.7)
 
 
-def test_a_repeated_stamp_gets_the_same_answer_again(connector, peer):
+def test_repeated_stamp_gets_the_same_output(connector, peer):
     with connector("timeout:=.inf"):
         listener, source = Listener(peer), Source(peer)
-        first = listener.answer(source, 5 * MS)
+        first = listener.exchange(source, 5 * MS)
         peer.spin_for(0.2)
         listener.clear()
         source.send(5 * MS, velocity=(9.0, 0.0, 0.0))
@@ -58,101 +58,105 @@ def test_a_repeated_stamp_gets_the_same_answer_again(connector, peer):
         assert listener.b[0] == first
         assert listener.states[0].velocity[0] == 0.0
         values = listener.wait_for_status("samples", "samples/s")
-        assert values["samples answered"] == "1"
+        assert values["samples processed"] == "1"
 
 
 def test_bad_input_never_becomes_a_wrench(connector, peer):
     with connector("timeout:=.inf"):
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 1 * MS)
+        listener.exchange(source, 1 * MS)
         for stamp, motion, text, count in (
-            (2 * MS, {"position": (NAN, 0.0, 0.0)}, "input is not finite", "non-finite"),
-            (3 * MS, {"velocity": (0.0, float("inf"), 0.0)}, "input is not finite", "non-finite"),
+            (2 * MS, {"position": (NAN, 0.0, 0.0)}, "is not finite", "non-finite"),
+            (3 * MS, {"velocity": (0.0, float("inf"), 0.0)}, "is not finite", "non-finite"),
             (4 * MS, {"orientation": (0.0,) * 4}, "cannot be normalised", "bad quaternion"),
         ):
-            wrench = listener.answer(source, stamp, **motion)
+            wrench = listener.exchange(source, stamp, **motion)
             assert wrench_of(wrench) == [0.0] * 6
             values = listener.wait_for_status("samples", text)
             assert int(values[count]) >= 1
         source.publishers[0].publish(b"\x00\x01\x00\x00 not a pose")
         values = listener.wait_for_status("samples", "cannot be decoded")
         assert values["undecodable"] == "1"
-        wrench = listener.answer(source, 5 * MS)
-        assert wrench_of(wrench)[2] == pytest.approx(WEIGHT)  # and it goes on
+        wrench = listener.exchange(source, 5 * MS)
+        assert wrench_of(wrench)[2] == pytest.approx(WEIGHT)  # the node continues
         values = listener.wait_for_status("samples", "samples/s")
         assert (values["non-finite"], values["bad quaternion"]) == ("2", "1")
 
 
-def test_when_samples_stop_a_zero_wrench_goes_out_that_answers_nothing(connector, peer):
+def test_zero_wrench_after_input_timeout_has_a_new_stamp(connector, peer):
     with connector("timeout:=0.3") as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 5 * MS)
+        listener.exchange(source, 5 * MS)
         peer.spin_until(lambda: stamp_of(listener.b[-1]) == 5 * MS + 1, "the zero wrench")
         assert wrench_of(listener.b[-1]) == [0.0] * 6
-        values = listener.wait_for_status("samples", "no complete sample for longer than timeout")
+        values = listener.wait_for_status(
+            "samples", "input timeout (0.3 s): commanding zero wrench"
+        )
         assert values["timeouts"] == "1"
         count = len(listener.b)
         peer.spin_for(0.5)
         assert len(listener.b) == count  # once
-        assert wrench_of(listener.answer(source, 6 * MS))[2] == pytest.approx(WEIGHT)
-        assert "samples are back" in running.output
+        assert wrench_of(listener.exchange(source, 6 * MS))[2] == pytest.approx(WEIGHT)
+        assert "input resumed" in running.output
 
 
-BLIND = """
+NO_CHECKS = """
 from cylconn_ros.ros.connector import node as connector_node
-from cylconn_ros.ros.executor import executor as loop
-loop.Loop._looked = lambda self, now: now + 0.05
+from cylconn_ros.ros.executor import executor
+executor.SampleExecutor._next_check = lambda self, now: now + 0.05
 raise SystemExit(connector_node.main())
 """
 
 
-def test_the_executor_watches_the_timeout_should_the_loop_not_come_to_it(peer, tmp_path):
-    with program([sys.executable, "-c", BLIND, *parameters("timeout:=0.1")], tmp_path) as running:
+def test_node_executor_checks_the_timeout_if_the_sample_executor_does_not(peer, tmp_path):
+    with program(
+        [sys.executable, "-c", NO_CHECKS, *parameters("timeout:=0.1")], tmp_path
+    ) as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 5 * MS)
+        listener.exchange(source, 5 * MS)
         peer.spin_until(lambda: stamp_of(listener.b[-1]) == 5 * MS + 1, "the zero wrench")
         assert running.stop() == 0
 
 
-def test_loads_are_balanced(connector, peer):
+def test_load_is_balanced_by_the_wrench(connector, peer):
     with connector("wrench.axes:=world"):
         listener, source = Listener(peer), Source(peer)
         publisher = peer.node.create_publisher(WrenchStamped, "/body_b/load", 10)
-        listener.answer(source, 1 * MS)
+        listener.exchange(source, 1 * MS)
         load = WrenchStamped()
         load.header.frame_id = "body_b"
         load.wrench.force.y = 3.0
         peer.spin_until(publisher.get_subscription_count)
         publisher.publish(load)
         peer.spin_for(0.3)
-        wrench = listener.answer(source, 2 * MS)
+        wrench = listener.exchange(source, 2 * MS)
         assert wrench_of(wrench)[1] == pytest.approx(-3.0)
 
 
-def test_incompatible_qos_shows_in_diagnostics(connector, peer):
+def test_incompatible_qos_is_diagnosed_with_the_remedy(connector, peer):
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     with connector():
         listener = Listener(peer)
         publisher = peer.node.create_publisher(PoseStamped, "/body_b/pose", best_effort)
         values = listener.wait_for_status(
-            "topics", "incompatible QoS on /body_b/pose: reliability; its messages do not arrive"
+            "topics", "/body_b/pose: a peer's QoS is incompatible (reliability); publish RELIABLE"
         )
         assert values["incompatible QoS"] == "1"
         assert publisher.get_subscription_count() == 0
 
 
-def test_qos_overrides_are_served_and_unknown_ones_refused(connector, peer):
+def test_qos_overrides_apply_and_unknown_ones_are_refused(connector, peer):
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     override = "qos_overrides./body_b/{}.subscription.reliability:=best_effort"
     with connector(override.format("pose"), override.format("twist")):
         listener, source = Listener(peer), Source(peer, qos=best_effort)
-        listener.answer(source, 1 * MS)
+        listener.exchange(source, 1 * MS)
     with connector(override.format("poses")) as running:
         assert running.wait() == 2
         assert "qos_overrides./body_b/poses.subscription.reliability = " in running.output
 
 
-def test_lifecycle_by_hand(connector, peer):
+def test_lifecycle_by_services(connector, peer):
     def change(transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))
         return peer.call(ChangeState, "/connector/change_state", request).success
@@ -168,12 +172,12 @@ def test_lifecycle_by_hand(connector, peer):
         assert not any(publisher.get_subscription_count() for publisher in source.publishers)
         listener.wait_for_status("samples", "the node is inactive")
         assert change(Transition.TRANSITION_ACTIVATE)
-        listener.answer(source, 5 * MS)
+        listener.exchange(source, 5 * MS)
         assert change(Transition.TRANSITION_DEACTIVATE)
         peer.spin_until(lambda: wrench_of(listener.b[-1]) == [0.0] * 6, "the last zero wrench")
         assert change(Transition.TRANSITION_ACTIVATE)
         listener.clear()
-        assert listener.answer(source, 2 * MS)  # a new history: an older stamp is the first
+        assert listener.exchange(source, 2 * MS)  # a new history: an older stamp is the first
         assert change(Transition.TRANSITION_DEACTIVATE)
         assert change(Transition.TRANSITION_CLEANUP)
         assert state() == "unconfigured"
@@ -185,7 +189,7 @@ def test_lifecycle_by_hand(connector, peer):
 def test_recording_and_reset_by_service(connector, peer, tmp_path):
     with connector("record.directory:=kept") as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 1 * MS, position=(0.1, 0.0, 0.0))
+        listener.exchange(source, 1 * MS, position=(0.1, 0.0, 0.0))
         assert not peer.call(Trigger, "/connector/stop_recording").success
         response = peer.call(Trigger, "/connector/start_recording")
         assert response.success
@@ -195,14 +199,14 @@ def test_recording_and_reset_by_service(connector, peer, tmp_path):
         response = peer.call(Trigger, "/connector/start_recording")
         assert not response.success
         assert "already recording" in response.message
-        listener.answer(source, 2 * MS, position=(0.2, 0.0, 0.0))
+        listener.exchange(source, 2 * MS, position=(0.2, 0.0, 0.0))
         response = peer.call(Trigger, "/connector/reset")
         assert response.success, response.message
         assert sorted(path.name for path in first.iterdir())[1] == "metadata.yaml"
         listener.clear()
-        listener.answer(source, 1 * MS, position=(0.3, 0.0, 0.0))
+        listener.exchange(source, 1 * MS, position=(0.3, 0.0, 0.0))
         peer.spin_until(lambda: listener.states)
-        assert listener.states[-1].displacement == 0.0  # its reference configuration
+        assert listener.states[-1].displacement == 0.0  # the reference configuration
         response = peer.call(Trigger, "/connector/stop_recording")
         assert response.success
         second = Path(response.message.rpartition(" in ")[2])
@@ -222,7 +226,7 @@ def test_parameters_at_run_time(connector, peer):
 
     with connector("friction.radius:=0.02") as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 1 * MS, position=(0.1, 0.0, 0.0))
+        listener.exchange(source, 1 * MS, position=(0.1, 0.0, 0.0))
         result = setting("friction.coefficient", number(-1.0))
         assert not result.successful
         assert "friction.coefficient = -1.0: must be a number >= 0" in result.reason
@@ -232,11 +236,11 @@ def test_parameters_at_run_time(connector, peer):
         whole = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=1)
         assert setting("timeout", whole).successful
         velocity = (0.5, 0.0, 0.0)
-        listener.answer(source, 2 * MS, position=(0.15, 0.0, 0.0), velocity=velocity)
+        listener.exchange(source, 2 * MS, position=(0.15, 0.0, 0.0), velocity=velocity)
         peer.spin_until(lambda: stamp_of(listener.states[-1]) == 2 * MS)
         state = listener.states[-1]
         assert state.friction_coefficient == pytest.approx(0.5)
-        assert state.displacement == pytest.approx(0.05)  # the history goes on
+        assert state.displacement == pytest.approx(0.05)  # the history continues
         assert setting(
             "node_a.position", ParameterValue(type=8, double_array_value=[0.0] * 3)
         ).successful
@@ -246,7 +250,7 @@ def test_parameters_at_run_time(connector, peer):
         moved = ParameterValue(type=8, double_array_value=[0.05, 0.0, 0.0])
         assert setting("node_a.position", moved).successful
         listener.clear()
-        listener.answer(source, 3 * MS, position=(0.2, 0.0, 0.0))
+        listener.exchange(source, 3 * MS, position=(0.2, 0.0, 0.0))
         peer.spin_until(lambda: listener.states)
         assert listener.states[-1].displacement == 0.0
         assert peer.call(Trigger, "/connector/start_recording").success
@@ -262,7 +266,7 @@ def test_parameters_at_run_time(connector, peer):
         assert found.descriptors[0].additional_constraints.startswith("a number > 0 m")
 
 
-def test_remapped_name_and_namespace_own_everything(connector, peer, tmp_path):
+def test_remapped_name_and_namespace_apply_to_topics_and_parameters(connector, peer, tmp_path):
     (tmp_path / "scene.yaml").write_text("""
 /**: {ros__parameters: {body_b: {frame: wrong}}}
 /arm/joint: {ros__parameters: {body_b: {frame: sleeve}}}
@@ -272,7 +276,7 @@ connector: {ros__parameters: {body_b: {frame: wrong}}}
     with connector(extra=(*extra, "-r", "body_a/wrench:=elsewhere")):
         listener, source = Listener(peer, "/arm", "joint"), Source(peer, prefix="/arm")
         elsewhere = peer.collect(WrenchStamped, "/arm/elsewhere")
-        wrench = listener.answer(source, 1 * MS)
+        wrench = listener.exchange(source, 1 * MS)
         assert wrench.header.frame_id == "sleeve"
         peer.spin_until(lambda: listener.states and listener.joints and elsewhere)
         assert peer.call(GetState, "/arm/joint/get_state").current_state.label == "active"
@@ -286,7 +290,7 @@ def test_markers_on_request(connector, peer):
         pictures = peer.collect(MarkerArray, "/connector/markers")
         peer.spin_until(lambda: peer.node.count_publishers("/connector/markers"))
         for k in range(1, 4):
-            listener.answer(source, k * MS, position=(0.2, 0.0, 0.0))
+            listener.exchange(source, k * MS, position=(0.2, 0.0, 0.0))
         peer.spin_until(lambda: pictures)
         shaft, sleeve, force, stripe = pictures[-1].markers
         assert shaft.header.frame_id == "world"
@@ -298,10 +302,10 @@ def test_markers_on_request(connector, peer):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_in_order(connector, peer, tmp_path, number):
+def test_signal_shuts_down_in_order(connector, peer, tmp_path, number):
     with connector("record.enabled:=true", "timeout:=.inf") as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 5 * MS)
+        listener.exchange(source, 5 * MS)
         assert running.stop(number) == 0, running.output
         peer.spin_until(lambda: stamp_of(listener.b[-1]) == 5 * MS + 1, "the last zero wrench")
         assert wrench_of(listener.b[-1]) == [0.0] * 6
@@ -312,7 +316,7 @@ def test_a_signal_ends_it_in_order(connector, peer, tmp_path, number):
 
 FAULTY = """
 from cylconn_ros.ros.connector import node as connector_node
-from cylconn_ros.messages.pipeline import Answering
+from cylconn_ros.messages.pipeline import MessagePipeline
 
 def once(method):
     calls = []
@@ -323,20 +327,20 @@ def once(method):
         return method(*arguments)
     return faulty
 
-Answering.finish = once(Answering.finish)
-connector_node.ConnectorNode._look = once(connector_node.ConnectorNode._look)
+MessagePipeline.finish = once(MessagePipeline.finish)
+connector_node.ConnectorNode._check = once(connector_node.ConnectorNode._check)
 raise SystemExit(connector_node.main())
 """
 
 
-def test_an_error_of_ours_stops_neither_the_node_nor_the_answers(peer, tmp_path):
+def test_internal_error_stops_neither_the_node_nor_the_samples(peer, tmp_path):
     with program([sys.executable, "-c", FAULTY, *parameters("timeout:=.inf")], tmp_path) as running:
         listener, source = Listener(peer), Source(peer)
-        wrench = listener.answer(source, 1 * MS)
+        wrench = listener.exchange(source, 1 * MS)
         assert wrench_of(wrench) == [0.0] * 6
-        assert wrench_of(listener.answer(source, 2 * MS))[2] == pytest.approx(WEIGHT)
+        assert wrench_of(listener.exchange(source, 2 * MS))[2] == pytest.approx(WEIGHT)
         peer.spin_until(lambda: listener.diagnostics)
         text = str(listener.diagnostics)
-        assert "computing failed: ArithmeticError: injected into finish" in text
-        assert "injected into _look" in running.output
+        assert "computing a sample failed: ArithmeticError: injected into finish" in text
+        assert "injected into _check" in running.output
         assert running.stop() == 0

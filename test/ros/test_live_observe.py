@@ -1,4 +1,4 @@
-"""``observe`` as a node: it watches a joint that somebody else moves, and commands nothing."""
+"""Node with method ``observe``: forces of a joint that another connector drives, no command."""
 
 from pathlib import Path
 
@@ -7,7 +7,8 @@ from recorded_loops import scene_arguments
 from ros_processes import module, program
 
 from cylconn_ros.core.layout import SLIP
-from cylconn_ros.recording.run import Run, Table, read_run
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.recording.table import Table
 
 STEPS = 400
 FIELDS = ("force_friction", "moment_friction", "normal_force", "traction")
@@ -18,15 +19,15 @@ def recorded(directory: Path) -> Run:
 
 
 def at(table: Table, stamps: np.ndarray, name: str) -> np.ndarray:
-    """A field at the first message of each of some stamps."""
+    """A field at the first message of each of ``stamps``."""
     known, first = np.unique(table.stamp, return_index=True)
     return np.asarray(table[name], float)[first][np.searchsorted(known, stamps)]
 
 
-def test_an_observer_beside_a_connector_sees_its_forces(tmp_path: Path) -> None:
-    """Three processes: a plant, the connector that moves it, and a node that only looks on.
+def test_observer_measures_the_forces_of_another_connector(tmp_path: Path) -> None:
+    """Three processes: plant, connector, and a node that only observes.
 
-    The wrench that an observer finds at a sample is that of the interval before it, which the
+    The wrench that the observer finds at a sample is that of the interval before it, which the
     connector commanded one sample earlier.
     """
     rules = [f"plant.duration:={STEPS / 1000}", "record.enabled:=true"]
@@ -36,12 +37,12 @@ def test_an_observer_beside_a_connector_sees_its_forces(tmp_path: Path) -> None:
     renamed = [word for rule in ("__node:=observer", *remapped) for word in ("-r", rule)]
     observer = [*module("connector.node"), *scene_arguments("demo", *looking), *renamed]
     plant = [*module("plant.node"), *scene_arguments("demo", *rules)]
-    with program(observer, tmp_path) as watching, program(connector, tmp_path) as serving:
+    with program(observer, tmp_path) as watching, program(connector, tmp_path) as connecting:
         watching.wait_for("recording to")
-        serving.wait_for("recording to")
+        connecting.wait_for("recording to")
         with program(plant, tmp_path) as moving:
             assert moving.wait() == 0, moving.output
-        assert serving.stop() == 0, serving.output
+        assert connecting.stop() == 0, connecting.output
         assert watching.stop() == 0, watching.output
     assert "method observe" in watching.output
 

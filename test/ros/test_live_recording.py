@@ -1,4 +1,4 @@
-"""A recording node that is killed, finds the disk full, or may not write: it serves on."""
+"""Recording node: killed, disk full, no permission; samples are processed in any case."""
 
 import signal
 import sys
@@ -17,14 +17,12 @@ from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.salvage import salvage
 
 MS = 1_000_000
-LATEST = (
-    0.3  # s before its end that a killed node may lose in a test; 0.1 where nothing is in its way
-)
+LATEST = 0.3  # s before its end that a killed node may lose on a busy machine; 0.1 on an idle one
 
 
 def exchange(peer, listener, source, seconds):
-    """Send samples, about 200 a second; when (wall clock, s) the answer to each stamp came."""
-    came: dict[int, float] = {}
+    """Send about 200 samples per second; return the arrival time of each wrench by stamp (s)."""
+    arrivals: dict[int, float] = {}
     sent = 5 * MS
     end = time.time() + seconds
     while time.time() < end:
@@ -33,17 +31,15 @@ def exchange(peer, listener, source, seconds):
         peer.spin_for(0.005)
         now = time.time()
         for wrench in listener.b:
-            came.setdefault(stamp_of(wrench), now)
-    return came
+            arrivals.setdefault(stamp_of(wrench), now)
+    return arrivals
 
 
-def test_kill_9_loses_the_last_moment_and_salvage_gives_back_the_rest(
-    connector, peer, tmp_path, capsys
-):
+def test_salvage_recovers_a_run_after_kill_9_except_its_end(connector, peer, tmp_path, capsys):
     with connector("record.enabled:=true", "timeout:=.inf") as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 5 * MS)
-        came = exchange(peer, listener, source, 1.5)
+        listener.exchange(source, 5 * MS)
+        arrivals = exchange(peer, listener, source, 1.5)
         killed = time.time()
         running.process.kill()
         running.wait()
@@ -53,21 +49,23 @@ def test_kill_9_loses_the_last_moment_and_salvage_gives_back_the_rest(
     assert "cylconn salvage gives back" in capsys.readouterr().err
 
     assert main.main(["salvage", str(run)]) == 0
-    said = capsys.readouterr().out.splitlines()
+    printed = capsys.readouterr().out.splitlines()
     saved = run.with_name(f"{run.name}_salvaged")
     whole = read_run(saved)
     assert whole.incomplete is None
     messages = sum(whole.counts.values())
-    assert said[1].startswith(f"saved {messages} messages over {whole.duration:.3f} s in {saved}")
+    assert printed[1].startswith(
+        f"saved {messages} messages over {whole.duration:.3f} s in {saved}"
+    )
     recorded = {int(stamp) for stamp in whole.table("/body_b/wrench").stamp}
-    expected = {stamp for stamp, when in came.items() if when < killed - LATEST}
+    expected = {stamp for stamp, when in arrivals.items() if when < killed - LATEST}
     assert len(expected) > 20
     assert expected <= recorded
     assert whole.parameters["record.enabled"] is True
-    with Reader(saved) as foreign:  # not our reader
-        assert foreign.message_count == messages
+    with Reader(saved) as reader:  # not the reader of this package
+        assert reader.message_count == messages
     assert main.main(["salvage", str(saved)]) == 2
-    assert "is whole: nothing to salvage" in capsys.readouterr().err
+    assert "is complete: nothing to salvage" in capsys.readouterr().err
 
 
 LIMITED = """
@@ -78,35 +76,35 @@ raise SystemExit(connector_node.main())
 """
 
 
-def test_a_full_disk_is_diagnosed_and_the_node_serves_on(peer, tmp_path):
-    """A limit of file sizes stands in for the disk; the error is the operating system's own."""
+def test_full_disk_is_diagnosed_and_samples_continue(peer, tmp_path):
+    """A limit of the file size in place of a full disk: the operating system raises the error."""
     rules = parameters("record.enabled:=true", "timeout:=.inf", "record.compression:=none")
     with program([sys.executable, "-c", LIMITED, *rules], tmp_path) as running:
         listener, source = Listener(peer), Source(peer)
-        listener.answer(source, 5 * MS)
+        listener.exchange(source, 5 * MS)
         exchange(peer, listener, source, 1.0)
         listener.wait_for_status("recording", "recording failed: ")
         peer.spin_until(lambda: int(listener.status("recording")[2]["messages lost"]) > 0)
         level, text, _ = listener.status("recording")
         assert "_0.mcap: File too large" in text
         assert level == 2
-        assert listener.answer(source, 9000 * MS)
+        assert listener.exchange(source, 9000 * MS)
         assert running.stop() == 0, running.output
         assert "Traceback" not in running.output
     (run,) = (tmp_path / "runs").iterdir()
     with pytest.raises(RecordingError, match="never finished"):
-        read_run(run)  # not even its end had room
+        read_run(run)  # its end could not be written
     assert read_run(salvage(run).directory).counts["/body_b/wrench"] > 10
 
 
-def test_where_nothing_can_be_written_the_node_serves_without(connector, peer, tmp_path):
+def test_node_runs_without_recording_if_the_directory_cannot_be_written(connector, peer, tmp_path):
     (tmp_path / "taken").write_text("a file")
     with connector("record.enabled:=true", "record.directory:=taken", "timeout:=.inf") as running:
         listener, source = Listener(peer), Source(peer)
-        assert listener.answer(source, 5 * MS)
+        assert listener.exchange(source, 5 * MS)
         running.wait_for("[ERROR]")
         listener.wait_for_status("recording", "recording failed: cannot record: ")
-        assert "Not a directory; serving without a recording" in running.output
+        assert "Not a directory; running without a recording" in running.output
         response = peer.call(Trigger, "/connector/start_recording")
         assert not response.success
         assert "cannot record: " in response.message
@@ -114,7 +112,7 @@ def test_where_nothing_can_be_written_the_node_serves_without(connector, peer, t
 
 
 @pytest.mark.parametrize("link", [False, True])
-def test_a_recording_stays_in_the_permitted_directory(connector, peer, tmp_path, link):
+def test_recording_is_refused_outside_the_permitted_directory(connector, peer, tmp_path, link):
     def put(directory):
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=str(directory))
         request = SetParameters.Request(

@@ -1,4 +1,4 @@
-"""Starting a node: what cannot be used is refused in one plain line, and help is given."""
+"""Start of a node: one-line errors for invalid arguments, help, and compiling."""
 
 import os
 import subprocess
@@ -23,7 +23,7 @@ REFUSED = [
     (["--params-file", "missing.yaml"], "missing.yaml: cannot be read"),
     (["-p"], "-p: a value must follow"),
     (["-r", "__node:=not a name"], "not a name"),
-    (["--", "--verbose"], "--verbose: not understood"),
+    (["--", "--verbose"], "--verbose: unknown argument"),
 ]
 
 
@@ -31,7 +31,7 @@ REFUSED = [
     ("name", "arguments", "text"),
     [("connector", *case) for case in REFUSED] + [("plant", *case) for case in REFUSED[:2]],
 )
-def test_wrong_use_is_refused_in_one_plain_line(name, arguments, text, capfd):
+def test_invalid_arguments_are_refused_in_one_line(name, arguments, text, capfd):
     assert MAINS[name]([*parameters(), *arguments]) == 2
     printed = capfd.readouterr()
     line = printed.err.splitlines()[-1]
@@ -42,7 +42,9 @@ def test_wrong_use_is_refused_in_one_plain_line(name, arguments, text, capfd):
 
 
 @pytest.mark.parametrize("name", ["connector", "plant"])
-def test_an_installed_program_refuses_and_helps_as_well(name, installed_prefix, tmp_path):
+def test_installed_program_refuses_invalid_parameters_and_prints_help(
+    name, installed_prefix, tmp_path
+):
     command = installed(installed_prefix, name)
     with program([*command, *parameters("period:=-1")], tmp_path) as running:
         assert running.wait() == 2
@@ -52,7 +54,7 @@ def test_an_installed_program_refuses_and_helps_as_well(name, installed_prefix, 
         assert running.output.startswith(f"usage: {name} ")
 
 
-def test_nothing_given_says_what_is_needed(tmp_path):
+def test_missing_parameter_is_named(tmp_path):
     with program(module("connector.node"), tmp_path) as running:
         assert running.wait() == 2
         assert running.output == (
@@ -63,26 +65,26 @@ def test_nothing_given_says_what_is_needed(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "node", "physics"),
-    [("connector", endpoint, "Answering"), ("plant", plant_node, "Plant")],
+    [("connector", endpoint, "MessagePipeline"), ("plant", plant_node, "Plant")],
 )
-def test_compiling_is_announced_before_it_begins(name, node, physics, monkeypatch, capfd):
-    def begin(*_):
-        raise SceneError("it begins")
+def test_compiling_is_announced(name, node, physics, monkeypatch, capfd):
+    def fail(*_):
+        raise SceneError("started")
 
-    monkeypatch.setattr(node, physics, begin)
+    monkeypatch.setattr(node, physics, fail)
     monkeypatch.setattr(run_node, "is_ready", lambda _: False)
     assert MAINS[name](parameters()) == 2
     printed = capfd.readouterr()
     lines = (printed.out + printed.err).splitlines()
     assert "compiling the physics, once" in lines[0]
-    assert lines[-1] == f"{name}: it begins"
+    assert lines[-1] == f"{name}: started"
     monkeypatch.setattr(run_node, "is_ready", lambda _: True)
     assert MAINS[name](parameters()) == 2
     printed = capfd.readouterr()
     assert "compiling" not in printed.out + printed.err
 
 
-ENTRY = """
+KERNEL = """
 from cylconn_ros.core.jit import is_ready, kernel
 
 @kernel
@@ -93,11 +95,11 @@ print(is_ready(step), step(1.0), is_ready(step))
 """
 
 
-def test_what_was_compiled_by_an_earlier_program_is_ready(tmp_path):
-    (tmp_path / "physics.py").write_text(ENTRY)
+def test_kernel_from_the_cache_is_ready(tmp_path):
+    (tmp_path / "physics.py").write_text(KERNEL)
     environment = {**os.environ, "CYLCONN_CACHE_DIR": str(tmp_path / "cache")}
     for expected in ("False 2.0 True", "True 2.0 True"):
-        said = subprocess.run(
+        done = subprocess.run(
             [sys.executable, "-c", "import physics"],
             cwd=tmp_path,
             env=environment,
@@ -105,4 +107,4 @@ def test_what_was_compiled_by_an_earlier_program_is_ready(tmp_path):
             text=True,
             check=True,
         )
-        assert said.stdout.strip() == expected
+        assert done.stdout.strip() == expected

@@ -1,4 +1,4 @@
-"""A process with one node: what ends it, and that it ends."""
+"""One node in a process: signals that end it, and teardown that hangs."""
 
 import signal
 import subprocess
@@ -10,33 +10,33 @@ HANGS = """
 import ctypes
 from rclpy.node import Node
 from rclpy.task import Future
-from cylconn_ros.ros import process
+from cylconn_ros.ros import run_node
 
 class Hanging(Node):
     def __init__(self):
         super().__init__("hanging")
         self.done = Future()
-        self.done.set_result(process.OK)
+        self.done.set_result(run_node.OK)
     def finish(self):
-        print("said its last", flush=True)
+        print("finished", flush=True)
     def destroy_node(self):
-        ctypes.PyDLL(None).sleep(100)  # with the interpreter held, as the middleware would
+        ctypes.PyDLL(None).sleep(100)  # holding the GIL, as the middleware would
 
-process._LETTING_GO = 0.2
-process.run("hanging", lambda arguments: Hanging(), "", [])
+run_node._TEARDOWN = 0.2
+run_node.run("hanging", lambda arguments: Hanging(), "", [])
 """
 
 
-def test_a_closed_terminal_ends_a_node_unless_it_is_ignored(monkeypatch):
-    assert signal.SIGHUP in run_node._ending()
+def test_sighup_ends_a_node_unless_it_is_ignored(monkeypatch):
+    assert signal.SIGHUP in run_node._termination_signals()
     monkeypatch.setattr(signal, "getsignal", lambda _: signal.SIG_IGN)
-    assert signal.SIGHUP not in run_node._ending()
+    assert signal.SIGHUP not in run_node._termination_signals()
 
 
-def test_a_middleware_that_hangs_does_not_keep_the_process():
+def test_process_exits_if_teardown_of_the_middleware_hangs():
     ended = subprocess.run(
         [sys.executable, "-c", HANGS], capture_output=True, text=True, timeout=90, check=False
     )
-    assert ended.stdout == "said its last\n"
+    assert ended.stdout == "finished\n"
     assert ended.returncode == 1
     assert "in destroy_node" in ended.stderr

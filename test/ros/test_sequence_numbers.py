@@ -1,4 +1,4 @@
-"""Messages that never came are counted, and one that is left in its queue is not forgotten."""
+"""Lost messages are counted, and the executor leaves no message in a queue."""
 
 import time
 from types import SimpleNamespace
@@ -7,40 +7,40 @@ import pytest
 
 from cylconn_ros.ros import qos
 from cylconn_ros.ros.executor import executor, new_message_event
-from cylconn_ros.ros.executor.sequence_numbers import Gaps
+from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
 
 
-def counted(*numbers):
-    missing: list[int] = []
-    gaps = Gaps(missing.append)
+def lost(*numbers):
+    counts: list[int] = []
+    sequence = SequenceNumbers(counts.append)
     for number in numbers:
-        gaps.look(number)
-    return sum(missing)
+        sequence.check(number)
+    return sum(counts)
 
 
 @pytest.mark.parametrize(
-    ("numbers", "missing"),
+    ("numbers", "expected"),
     [
         ((), 0),
         ((1, 2, 3), 0),
-        ((700, 701), 0),  # a publisher that was there before
+        ((700, 701), 0),  # a publisher that started before
         ((1, 2, 5, 6, 9), 4),
-        ((8, 9, 1, 2, 3), 0),  # started anew
+        ((8, 9, 1, 2, 3), 0),  # a restarted publisher
         ((50, 1, 51, 2, 52, 53, 3, 4), 0),  # two publishers in turns
         ((None, None), 0),  # a middleware without numbers
     ],
 )
-def test_gaps_are_messages_that_never_came(numbers, missing):
-    assert counted(*numbers) == missing
+def test_lost_messages_are_counted_by_sequence_numbers(numbers, expected):
+    assert lost(*numbers) == expected
 
 
-def test_lost_messages_are_not_asked_of_the_middleware():
-    """It locks up over the answer where more are lost meanwhile."""
-    assert qos.reading(print)["event_callbacks"].message_lost is None
+def test_message_lost_event_of_the_middleware_is_not_used():
+    """rmw_fastrtps deadlocks if messages are lost while the status is taken."""
+    assert qos.subscription_events(print)["event_callbacks"].message_lost is None
 
 
 class Queue:
-    """A subscription whose messages are put there by hand."""
+    """A subscription whose queue the test fills."""
 
     def __init__(self) -> None:
         self.waiting: list[bytes] = []
@@ -51,61 +51,65 @@ class Queue:
 
 
 @pytest.fixture
-def silent_bells(monkeypatch):
-    made = SimpleNamespace(tie=lambda _: None, close=lambda: None)
-    monkeypatch.setattr(new_message_event, "Bell", lambda _: made)
+def no_events(monkeypatch):
+    event = SimpleNamespace(arm=lambda _: None, close=lambda: None)
+    monkeypatch.setattr(new_message_event, "MessageEvent", lambda _: event)
 
 
-def test_what_rang_for_several_and_completes_nothing_is_taken_whole(silent_bells):
+def test_whole_queue_is_taken_if_its_first_message_completes_no_sample(no_events):
     queue, taken = Queue(), []
 
     def receive(data):
         taken.append(data)
         return data == b"completes"
 
-    group = executor._Group(executor.Inputs([executor.Entry(queue, receive)]), print)
+    subscription = executor.InputSubscription(queue, receive)
+    group = executor._Group(executor.InputGroup([subscription]), print)
     queue.waiting += [b"completes"]
-    group.serve(1.0)
-    queue.waiting += [b"again", b"completes"]  # one ringing for both
-    group.serve(1.0005)
+    group.process(1.0)
+    queue.waiting += [b"again", b"completes"]  # one event for both
+    group.process(1.0005)
     assert taken == [b"completes", b"again", b"completes"]
     assert group.due > 1.0005
 
 
-def test_between_close_samples_nobody_sleeps(silent_bells):
+def test_executor_polls_between_samples_at_short_intervals(no_events):
     queue, now = Queue(), 1.0
-    group = executor._Group(
-        executor.Inputs([executor.Entry(queue, lambda data: data == b"completes")]), print
-    )
+    subscription = executor.InputSubscription(queue, lambda data: data == b"completes")
+    group = executor._Group(executor.InputGroup([subscription]), print)
 
-    def awake(after, data=b"completes"):
+    def poll_until(after, data=b"completes"):
         nonlocal now
         now += after
         queue.waiting.append(data)
-        group.serve(now)
-        return group.awake
+        group.process(now)
+        return group.poll_until
 
-    assert not any(awake(0.002) or awake(1e-6, b"part of one") for _ in range(20))  # 500 a second
-    assert not any(awake(0.0009) or awake(0.0001) for _ in range(20))  # two at a time
-    assert not awake(0.002)
-    assert not any(awake(0.0001) for _ in range(executor._IN_A_ROW - 1))
-    assert awake(0.0001) == pytest.approx(now + executor._CLOSE)
-    assert awake(0.0001) == pytest.approx(now + executor._CLOSE)
-    assert not awake(0.002)
+    for _ in range(20):  # 500 per second
+        assert not poll_until(0.002)
+        assert not poll_until(1e-6, b"part of a sample")
+    for _ in range(20):  # two at a time
+        assert not poll_until(0.0009)
+        assert not poll_until(0.0001)
+    assert not poll_until(0.002)
+    assert not any(poll_until(0.0001) for _ in range(executor._IN_A_ROW - 1))
+    assert poll_until(0.0001) == pytest.approx(now + executor._CLOSE)
+    assert poll_until(0.0001) == pytest.approx(now + executor._CLOSE)
+    assert not poll_until(0.002)
 
 
-def test_an_ear_looks_while_awake_and_sleeps_after_that(monkeypatch):
-    ear, asked = new_message_event.Ear(), []
-    ear._numbers[7] = 3
+def test_poller_polls_first_and_blocks_afterwards(monkeypatch):
+    poller, timeouts = new_message_event.EventPoller(), []
+    poller._numbers[7] = 3
 
     def poll(timeout):
-        asked.append(timeout)
-        return [(7, 1)] if len(asked) == 4 or timeout else []
+        timeouts.append(timeout)
+        return [(7, 1)] if len(timeouts) == 4 or timeout else []
 
-    ear._poll.close()
-    monkeypatch.setattr(ear, "_poll", SimpleNamespace(poll=poll))
-    assert ear.wait(0.05, time.monotonic() + 60.0) == [3]
-    assert asked == [0.0] * 4
-    asked.clear()
-    assert ear.wait(0.05, time.monotonic() - 1.0) == ear.wait(0.05) == [3]
-    assert asked == [0.05, 0.05]
+    poller._epoll.close()
+    monkeypatch.setattr(poller, "_epoll", SimpleNamespace(poll=poll))
+    assert poller.wait(0.05, time.monotonic() + 60.0) == [3]
+    assert timeouts == [0.0] * 4
+    timeouts.clear()
+    assert poller.wait(0.05, time.monotonic() - 1.0) == poller.wait(0.05) == [3]
+    assert timeouts == [0.05, 0.05]

@@ -114,13 +114,13 @@ def test_table_is_a_group_that_may_be_absent():
         ({"period": "fast"}, "period = 'fast': must be a number"),
         ({"timeout": 0.0}, "timeout = 0.0: must be a number > 0 s"),
         ({"timeout": math.nan}, "timeout = .nan: must be a number > 0 s"),
-        ({"latency": 1.5}, "latency = 1.5: must be a whole number >= -1 samples"),
+        ({"latency": 1.5}, "latency = 1.5: must be an integer >= -1 samples"),
         ({"input": "topics"}, "input = 'topics': must be one of pose_twist, odometry"),
         ({"autostart": 1}, "autostart = 1: must be true or false"),
         ({"gravity": [0, 0]}, "gravity = [0, 0]: must be 3 numbers, finite (2 given)"),
         ({"gravity": [0, 0, "g"]}, "gravity = [0, 0, 'g']: must be 3 numbers, finite"),
         ({"gravity": [0, 0, math.nan]}, "gravity = [0, 0, .nan]: must be 3 numbers, finite"),
-        ({"world_frame": ""}, "world_frame = '': must be a non-empty text"),
+        ({"world_frame": ""}, "world_frame = '': must be a non-empty string"),
         ({"node_a__orientation": [0, 0, 0, 0]}, "an orientation of length 0 has no direction"),
         ({"node_b__orientation": [0, 0, 0, 0]}, "node_b.orientation = "),
         ({"node_a__orientation": None}, "node_a.orientation: is required and not given"),
@@ -129,7 +129,7 @@ def test_table_is_a_group_that_may_be_absent():
         ({"body_b__inertia": []}, "body_b.inertia = []: must be given"),
         ({"body_b__inertia": [1, 0, 0, 1, 0, -1]}, "must be positive definite"),
         ({"body_b__inertia": [1, 2, 0, 1, 0, 1]}, "must be positive definite"),
-        ({"body_b__inertia": [1, 0, 0, 1, 0, 2.1]}, "no body has it"),
+        ({"body_b__inertia": [1, 0, 0, 1, 0, 2.1]}, "no rigid body has it"),
         ({"body_b__kind": "fixed"}, "body_b.kind = 'fixed': body_a is fixed too"),
         ({"body_b__kind": "driven"}, "at least one body must be free or unknown"),
         ({"body_b__frame": "world"}, "body_b.frame = 'world': world_frame, body_a.frame and"),
@@ -155,7 +155,7 @@ def test_table_is_a_group_that_may_be_absent():
                 "friction__table": {"rates": [0], "forces": [1], "values": [0.1]},
                 "friction__coefficient": 0.2,
             },
-            "friction.coefficient = 0.2: must be left out",
+            "friction.coefficient = 0.2: must not be given",
         ),
         ({"stops": {"l_min": 1, "l_max": 0}}, "stops.l_max = 0.0: must be > stops.l_min (1.0 m)"),
         ({"stops__restitution": 1.5}, "stops.restitution = 1.5: must be a number >= 0 and <= 1"),
@@ -247,7 +247,7 @@ def test_numbers_are_read_as_ros_reads_them():
         ("a: [1, ", "line 1: "),
         ("/**: {ros__parameters: {period: 1, period: 2}}", "line 1: period is given twice"),
         ("period: 1", "/period = 1: must hold ros__parameters"),
-        ("ros__parameters: {period: 1}", "ros__parameters: must stand below a node's name"),
+        ("ros__parameters: {period: 1}", "ros__parameters: must be below a node's name"),
         ("[1, 2]", "is not a parameter file"),
         ("/**: {ros__parameters: {period: -1}}", "period = -1: must be a number >= 0 s"),
         ("/**: {ros__parameters: 5}", "ros__parameters must hold names and values"),
@@ -284,10 +284,13 @@ def test_every_scene_file_of_the_project_can_be_used(path):
 
 @pytest.mark.parametrize(
     ("path", "make_text"),
-    [("docs/parameters.md", documentation.table), ("config/connector.yaml", documentation.example)],
+    [
+        ("docs/reference/parameters.md", documentation.table),
+        ("config/connector.yaml", documentation.example),
+    ],
 )
 def test_documents_agree_with_the_scene(path, make_text):
-    assert (ROOT / path).read_text() == make_text(), "see cylconn_ros/connector/scene_docs.py"
+    assert (ROOT / path).read_text() == make_text(), "see cylconn_ros/scene/documentation.py"
 
 
 def test_the_example_gives_every_parameter():

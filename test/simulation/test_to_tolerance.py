@@ -70,7 +70,7 @@ def pairs() -> list[Scene]:
 def within(scene: Scene, tolerance: float, duration: float) -> Run:
     """A run of ``duration``, its last sample at the end."""
     asked = dataclasses.replace(scene, tolerance=tolerance)
-    return simulate(asked, round(duration / scene.period) + 1)
+    return simulate(asked, samples=round(duration / scene.period) + 1)
 
 
 @pytest.mark.parametrize("number", range(6))
@@ -80,9 +80,9 @@ def test_sleeves_against_reduced_equations(number: int) -> None:
     right = np.column_stack([reference.l, reference.alpha])
     for tolerance in TOLERANCES:
         run = within(scene, tolerance, 1.0)
-        found = np.column_stack([run.state("displacement"), run.state("rotation")])
-        assert run.computed is not None
-        assert run.computed.method == "minimal"
+        found = np.column_stack([run["displacement"], run["rotation"]])
+        assert run.accuracy is not None
+        assert run.accuracy.method == "minimal"
         assert relative_error(found, right) <= tolerance
 
 
@@ -93,7 +93,7 @@ def test_pairs_against_newton_and_euler(number: int) -> None:
     right = np.array([[0.0, 0.0], [reference.distance, reference.angle]])
     for tolerance in TOLERANCES:
         run = within(scene, tolerance, 0.3)
-        found = np.array([[0.0, 0.0], [run.state(n)[-1] for n in ("displacement", "rotation")]])
+        found = np.array([[0.0, 0.0], [run[n][-1] for n in ("displacement", "rotation")]])
         assert relative_error(found, right) <= tolerance
 
 
@@ -109,17 +109,17 @@ def test_substeps_where_minimal_does_not_serve(monkeypatch: pytest.MonkeyPatch) 
                      {"command": {"spin": {"velocity": 6.0}}})  # fmt: skip
     scene = pair(spin=6.0, **imposed)
     best = dataclasses.replace(scene, period=scene.period / 128.0)
-    right = simulate(best, 128 * 100 + 1)
+    right = simulate(best, samples=128 * 100 + 1)
     right_at = right.outs[::128, [layout.LENGTH, layout.ANGLE]]
     counts = []
     for tolerance in (1e-3, 1e-8):
         run = within(scene, tolerance, 0.1)
-        assert run.computed is not None
-        assert run.computed.method == "impulse"
-        counts.append(run.computed.substeps)
+        assert run.accuracy is not None
+        assert run.accuracy.method == "impulse"
+        counts.append(run.accuracy.substeps)
         found = run.outs[:, [layout.LENGTH, layout.ANGLE]]
         assert relative_error(found, right_at) <= max(tolerance, 2e-8)  # its own error
-        assert f"{counts[-1]} substeps" in str(run.computed)
+        assert f"{counts[-1]} substeps" in str(run.accuracy)
     assert counts[1] > counts[0], "more accuracy takes more substeps"
 
 
@@ -131,15 +131,33 @@ def test_where_minimal_gives_up_impulse_takes_over(monkeypatch: pytest.MonkeyPat
     exact = within(scene, 1e-8, 0.2).outs[:, [layout.LENGTH, layout.ANGLE]]
     monkeypatch.setattr(minimal, "solve", gives_up)
     run = within(scene, 1e-4, 0.2)
-    assert run.computed is not None
-    assert run.computed.method == "impulse"
+    assert run.accuracy is not None
+    assert run.accuracy.method == "impulse"
     assert relative_error(run.outs[:, [layout.LENGTH, layout.ANGLE]], exact) <= 1e-4
 
 
-def test_auto_picks_by_the_tolerance() -> None:
+def test_a_connector_with_a_tolerance_uses_impulse() -> None:
     scene = bundled("demo")
-    for tolerance, method in ((0.0, "impulse"), (1e-2, "impulse"), (1e-6, "minimal")):
-        assert Connector(dataclasses.replace(scene, tolerance=tolerance)).method == method
+    for tolerance in (0.0, 1e-2, 1e-6):
+        assert Connector(dataclasses.replace(scene, tolerance=tolerance)).method == "impulse"
+
+
+def test_a_connector_refuses_an_offline_method() -> None:
+    scene = dataclasses.replace(bundled("demo"), method="minimal")
+    with pytest.raises(SceneError, match="method = 'minimal': simulates whole motions offline"):
+        Connector(scene)
+
+
+def test_method_minimal_simulates_the_motion() -> None:
+    """The states are those of the offline solution; impulse processes its samples."""
+    scene = dataclasses.replace(bundled("demo"), method="minimal")
+    run = simulate(scene, samples=101)
+    assert run.accuracy is not None
+    assert (run.accuracy.method, run.connector.method) == ("minimal", "impulse")
+    times = scene.period * np.arange(102)
+    whole = minimal.solve(scene, float(times[-1]), times=times)
+    np.testing.assert_array_equal(run.states, whole.states[:-1])
+    assert not run.outs[:, layout.STATUS].any()
 
 
 def test_what_cannot_be_promised_is_refused() -> None:

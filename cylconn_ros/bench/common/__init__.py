@@ -1,1 +1,1 @@
-"""What all benchmarks share: settings, timing, results, reports, machine."""
+"""What all benchmarks share: settings, timing, results, report, machine."""

@@ -1,11 +1,13 @@
-"""Why something is not in the results."""
+"""Why a solver has no result on a benchmark case."""
 
 from __future__ import annotations
 
-
-class AbsentError(Exception):
-    """A peer is not installed, or a method is not written yet; the message says which."""
+from cylconn_ros.errors import CylconnError
 
 
-class LeftOutError(Exception):
-    """A method does not go with a scene; the message says why."""
+class NotInstalledError(CylconnError):
+    """A peer solver cannot be imported; the message names the package."""
+
+
+class NotApplicableError(CylconnError):
+    """A solver does not support a scene; the message says why."""

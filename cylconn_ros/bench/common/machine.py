@@ -1,4 +1,4 @@
-"""What a number was measured on: processor, system, versions, and which sources."""
+"""What a timing depends on: processor, system, versions and a digest of the sources."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ from pathlib import Path
 
 import cylconn_ros
 
-PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "mujoco", "drake", "exudyn", "pin", "pybullet")
-ROOMS = ("core", "methods", "connector")
+DISTRIBUTIONS = (
+    "numpy", "numba", "llvmlite", "scipy", "mujoco", "drake", "exudyn", "pin", "pybullet",
+)  # fmt: skip
+MEASURED_PACKAGES = (
+    "core", "methods", "scene", "connector", "simulation", "messages", "recording", "replay", "ros",
+)  # fmt: skip
+"""Packages whose code runs while a benchmark measures."""
 
 
 def describe() -> dict[str, str]:
-    """Name and value of everything that a timing depends on, in the order to print."""
+    """Name and value of everything that a timing depends on, in printing order."""
     found = {
         "processor": f"{_processor()}, {os.cpu_count()} cores",
         "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
@@ -23,20 +28,23 @@ def describe() -> dict[str, str]:
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "cylconn_ros": f"{cylconn_ros.__version__}, sources {sources()}",
     }
-    for name in PACKAGES:
+    for name in DISTRIBUTIONS:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "absent"
+            found[name] = "not installed"
     return found
 
 
 def sources() -> str:
-    """A digest of the sources that are measured: the version alone does not tell them apart."""
-    package = Path(cylconn_ros.__file__).parent
+    """Digest (12 hexadecimal digits) of the measured sources; the version does not identify them.
+
+    It covers every Python file of MEASURED_PACKAGES, subpackages included.
+    """
+    root = Path(cylconn_ros.__file__).parent
     digest = hashlib.sha256()
-    for room in ROOMS:
-        for path in sorted((package / room).glob("*.py")):
+    for package in MEASURED_PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 

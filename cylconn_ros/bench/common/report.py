@@ -1,31 +1,33 @@
-"""Results for people: ratios and verdicts first, then everything measured."""
+"""Results of a benchmark as Markdown: targets first, then all measurements; and into a page."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 
-from cylconn_ros.bench.common.results import STEP, Findings, Gap, Measurement, Report, Target
-from cylconn_ros.bench.convergence.orders import ERROR, ORDER, SHOWN
+from cylconn_ros.bench.common.results import Findings, Measurement, NotMeasured, Report, Target
 
 VERDICT = {True: "met", False: "MISSED", None: "not measured"}
+END = "<!-- end -->"
 
 
 def text(report: Report, body: Callable[[Findings], str] | None = None) -> str:
     """A whole report as Markdown that is also readable in a terminal.
 
     Args:
-        body: what shows the measurements; by default a table a problem.
+        body: formats the measurements; by default one table per case.
     """
-    parts = [targets(report.findings.targets)] if report.findings.targets else []
-    parts.append((body or sections)(report.findings))
-    parts += [gaps(report.findings.gaps)] if report.findings.gaps else []
+    found = report.findings
+    parts = [targets(found.targets)] if found.targets else []
+    parts.append((body or sections)(found))
+    parts += [not_measured(found.not_measured)] if found.not_measured else []
     parts.append(conditions(report))
     return "\n\n".join(parts) + "\n"
 
 
 def targets(found: Sequence[Target]) -> str:
-    """What was aimed at and what came out."""
+    """Table of the targets and the measured values."""
     rows = [
         (t.name, number(t.value, t.unit), f"≤ {number(t.limit, t.unit)}", VERDICT[t.met], t.note)
         for t in found
@@ -34,33 +36,33 @@ def targets(found: Sequence[Target]) -> str:
 
 
 def sections(found: Findings) -> str:
-    """Everything measured, problem by problem."""
-    return "\n\n".join(section(name, group) for name, group in _by_problem(found))
+    """All measurements, case by case."""
+    return "\n\n".join(section(name, group) for name, group in _by_case(found))
 
 
-def section(problem: str, found: Sequence[Measurement]) -> str:
-    """Everything measured on one problem: a row a contestant, a column a quantity.
+def section(case: str, found: Sequence[Measurement]) -> str:
+    """The measurements of one case: one row per subject, one column per quantity.
 
-    A number with its quartiles behind it is a median.
+    A number followed by its quartiles is a median.
     """
     quantities = list(dict.fromkeys(m.quantity for m in found))
     rows: dict[str, list[str]] = {}
     for m in found:
-        row = rows.setdefault(m.contestant + _settings(m), [""] * (len(quantities) + 1))
+        row = rows.setdefault(m.subject + _settings(m), [""] * (len(quantities) + 1))
         row[quantities.index(m.quantity)] = _with_spread(m)
         row[-1] = m.note or row[-1]
     body = [(name, *row) for name, row in rows.items()]
-    return f"**{problem}**\n\n" + table(("", *quantities, "note"), body)
+    return f"**{case}**\n\n" + table(("", *quantities, "note"), body)
 
 
-def gaps(found: Sequence[Gap]) -> str:
-    """What is not in the results and why."""
-    rows = [(g.contestant, g.problem, g.status, g.reason) for g in found]
-    return table(("not measured", "on", "", "why"), rows)
+def not_measured(found: Sequence[NotMeasured]) -> str:
+    """Table of the subjects without results, and the reasons."""
+    rows = [(one.subject, one.case, one.status, one.reason) for one in found]
+    return table(("not measured", "on", "", "reason"), rows)
 
 
 def conditions(report: Report) -> str:
-    """How and on what it was measured."""
+    """Command, machine, versions and settings."""
     lines = [f"{report.command}, {report.started}"]
     lines += [f"{name}: {value}" for name, value in report.machine.items()]
     lines.append("settings: " + ", ".join(f"{k} {v}" for k, v in report.settings.items()))
@@ -68,7 +70,7 @@ def conditions(report: Report) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table, padded for a terminal; columns that are empty are left out."""
+    """A Markdown table, padded for a terminal, without its empty columns."""
     used = [k for k in range(len(head)) if any(row[k] for row in rows) or k == 0]
     cells = [[row[k].replace("|", "/") for k in used] for row in [head, *rows]]
     widths = [max(len(row[k]) for row in cells) for k in range(len(used))]
@@ -81,7 +83,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float, unit: str) -> str:
-    """Three digits and the unit; counts (no unit) whole; a dash where there is no number."""
+    """Three digits and the unit; integers for counts (no unit); a dash if not finite."""
     if not math.isfinite(value):
         return "–"
     if not unit and float(value).is_integer():
@@ -89,6 +91,24 @@ def number(value: float, unit: str) -> str:
     digits = f"{value:#.3g}".rstrip(".") if 1e-2 <= abs(value) < 1e4 else f"{value:.2e}"
     digits = "0" if value == 0.0 else digits
     return digits if unit in ("", "1") else f"{digits} {unit}"
+
+
+def mark(command: str) -> str:
+    """The line in a page above the results of a command; ``<!-- end -->`` follows them."""
+    return f"<!-- {command} -->"
+
+
+def replace_results(page: str, command: str, text: str) -> str:
+    """The page with new results of a command between its marks.
+
+    Raises ValueError if the page does not have both marks once.
+    """
+    begin = mark(command)
+    if page.count(begin) != 1 or END not in page.partition(begin)[2]:
+        raise ValueError(f"needs one line {begin} and a line {END} below it")
+    pattern = re.escape(begin) + r".*?" + re.escape(END)
+    new = f"{begin}\n\n{text.strip()}\n\n{END}"
+    return re.sub(pattern, lambda _: new, page, count=1, flags=re.DOTALL)
 
 
 def _with_spread(m: Measurement) -> str:
@@ -103,32 +123,6 @@ def _settings(m: Measurement) -> str:
     return f" ({', '.join(values)})"
 
 
-def _by_problem(found: Findings) -> Iterable[tuple[str, list[Measurement]]]:
-    for problem in dict.fromkeys(m.problem for m in found.measurements):
-        yield problem, [m for m in found.measurements if m.problem == problem]
-
-
-def orders(found: Findings) -> str:
-    """Orders with the errors at one period, and costs: a row a quantity, a column a method."""
-    methods = list(dict.fromkeys(m.contestant for m in found.measurements))
-    rows: dict[tuple[str, str], dict[str, str]] = {}
-    errors = {
-        (m.problem, m.quantity.removeprefix(f"{ERROR}: "), m.contestant): m
-        for m in found.measurements
-        if m.settings.get("period") == SHOWN
-    }
-    for m in found.measurements:
-        if m.quantity == STEP:
-            rows.setdefault((m.problem, STEP), {})[m.contestant] = number(m.value, m.unit)
-        elif m.quantity.startswith(f"{ORDER}: "):
-            quantity = m.quantity.removeprefix(f"{ORDER}: ")
-            error = errors[m.problem, quantity, m.contestant]
-            slope = "" if math.isnan(m.value) else f"order {m.value:.1f}"
-            size = f"{error.value:.0e} {error.unit}"
-            text = "; ".join(filter(None, (slope, m.note, size)))
-            rows.setdefault((m.problem, quantity), {})[m.contestant] = text
-    body = [
-        (problem, quantity, *(row.get(method, "") for method in methods))
-        for (problem, quantity), row in rows.items()
-    ]
-    return table(("scene", "quantity", *methods), body)
+def _by_case(found: Findings) -> Iterable[tuple[str, list[Measurement]]]:
+    for case in dict.fromkeys(m.case for m in found.measurements):
+        yield case, [m for m in found.measurements if m.case == case]

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from cylconn_ros.scene.scene import Scene
 
 SceneLoader = Callable[[str], Scene]
-"""Gives a scene that comes with the package by its name."""
+"""Loads a bundled scene by its name."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Chosen by the command.
+    """Settings of a benchmark run, chosen by the command.
 
     Attributes
     ----------
-        load: finds scenes. quick: the short form, whose numbers are rough.
-        rounds: how often every contestant has its turn. block: CPU seconds of one turn.
-        starts: how many fresh processes a start-up is measured on.
-        samples: of a soak; None: as many as its form says.
+        load: loads a bundled scene. quick: the short form, with rough numbers.
+        rounds: turns per solver. block: CPU seconds of one turn.
+        starts: fresh processes that a start-up time is measured on.
+        samples: samples of a soak test; None: the default of its form.
     """
 
     load: SceneLoader
@@ -32,11 +32,11 @@ class Settings:
 
     @classmethod
     def short(cls, load: SceneLoader) -> Settings:
-        """The form that tests run."""
+        """The short form, as run by the tests."""
         return cls(load, quick=True, rounds=3, block=0.001, starts=1)
 
     def described(self) -> dict[str, float | bool]:
-        """What belongs into the results."""
+        """The settings that are stored with the results."""
         return {
             "quick": self.quick,
             "rounds": self.rounds,

@@ -1,36 +1,33 @@
-"""Contestants timed in turns, so that a slow moment of the machine meets all of them.
+"""The timing harness: measure solvers or processes in turns, so that all see the same conditions.
 
-A turn is a block of many repetitions, long enough for the clock. The clock counts this process'
-CPU time: what else the machine does then costs cache and frequency, but not the whole time slice.
-Ratios are formed within a round, before the median.
+A machine's speed drifts. Interleaved turns spread that drift evenly over the compared solvers. A
+turn repeats the timed function until it is long enough for the clock. The clock counts the CPU time
+of this process: other processes cost it cache and frequency, but no time slice. Ratios are formed
+within a round, before the median.
 """
 
 from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Key = TypeVar("Key")
+Result = TypeVar("Result")
 Block = Callable[[int], float]
-"""Does n repetitions and gives the CPU seconds that they took."""
-
-
-@dataclass(frozen=True)
-class Contestant:
-    """Something to be timed: ``block`` for many repetitions."""
-
-    name: str
-    block: Block
+"""Runs n repetitions and returns their CPU time, s."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Median, quartiles and number of the values it was made of."""
+    """Median, quartiles and number of some values."""
 
     median: float
     low: float
@@ -45,7 +42,7 @@ class Spread:
 
 
 def timed(repeat: Callable[[int], object]) -> Block:
-    """A block out of a function that does n repetitions; no garbage collection meanwhile."""
+    """A block from a function that runs n repetitions; garbage collection is off while it runs."""
 
     def block(n: int) -> float:
         collecting = gc.isenabled()
@@ -61,29 +58,46 @@ def timed(repeat: Callable[[int], object]) -> Block:
     return block
 
 
-def take_turns(contestants: Sequence[Contestant], rounds: int, seconds: float) -> dict[str, Array]:
-    """(rounds,) seconds of one repetition for every contestant, by name.
+def run_interleaved(
+    turns: Mapping[Key, Callable[[], Result]], rounds: int
+) -> dict[Key, list[Result]]:
+    """Results of ``rounds`` calls of each function, in order, by key.
 
-    Every contestant has one turn of about ``seconds`` a round; who begins moves on by one each
-    round.
+    Each round calls every function once. The first one of a round moves on from round to round, so
+    that no function always follows the same one.
     """
-    repetitions = [_enough(contestant.block, seconds) for contestant in contestants]
-    found: dict[str, Array] = {contestant.name: np.empty(rounds) for contestant in contestants}
+    keys = list(turns)
+    shift = max(len(keys) // rounds, 1) if rounds else 0
+    found: dict[Key, list[Result]] = {key: [] for key in keys}
     for k in range(rounds):
-        for j in range(len(contestants)):
-            at = (j + k) % len(contestants)
-            n = repetitions[at]
-            found[contestants[at].name][k] = contestants[at].block(n) / n
+        for j in range(len(keys)):
+            key = keys[(j + k * shift) % len(keys)]
+            found[key].append(turns[key]())
     return found
 
 
-def ratio(of: Array, to: Array) -> Spread:
-    """How many times longer one took than the other, compared round by round."""
-    return Spread.of(of / to)
+def time_interleaved(blocks: Mapping[str, Block], rounds: int, seconds: float) -> dict[str, Array]:
+    """(rounds,) CPU time (s) of one repetition of each block, by name.
+
+    Each block has one turn of about ``seconds`` per round, after a warm-up.
+    """
+    turns = {
+        name: partial(_turn, block, _repetitions(block, seconds)) for name, block in blocks.items()
+    }
+    return {name: np.array(values) for name, values in run_interleaved(turns, rounds).items()}
 
 
-def _enough(block: Block, seconds: float) -> int:
-    """Repetitions that fill a turn, after warming up."""
+def ratio(numerator: Array, denominator: Array) -> Spread:
+    """Spread of the ratio of two timings, formed within each round."""
+    return Spread.of(numerator / denominator)
+
+
+def _turn(block: Block, n: int) -> float:
+    return block(n) / n
+
+
+def _repetitions(block: Block, seconds: float) -> int:
+    """Repetitions that fill a turn; warms up."""
     n = 1
     block(n)
     while True:

@@ -1,1 +1,1 @@
-"""Orders of convergence against independent answers."""
+"""Orders of convergence against independent reference solutions."""

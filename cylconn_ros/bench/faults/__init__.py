@@ -1,5 +1,6 @@
-"""What becomes of the node when messages, processes and disks fail: in process and with real ones.
+"""Fault injection: behaviour of the node when messages, timing, processes and disks fail.
 
-``sweep`` puts a faulty way between plant and connector on every scene of the library; ``processes``
-asks the program that does it to real nodes (ros/faults); ``show`` makes tables of both.
+``run`` injects faults into real processes. ``sweep`` runs every scene of the library in process
+over a faulty channel between plant and connector. ``measure`` runs both and ``tables`` prints them.
+``soak`` and ``soak_report`` exchange millions of samples with a recording node.
 """

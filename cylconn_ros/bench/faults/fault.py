@@ -1,19 +1,25 @@
-"""One fault: what was expected, what was seen, and whether the one is the other."""
+"""One fault case (expectation, observations, failed criteria) and the closed loop it acts on."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import os
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from cylconn_ros.bench.faults.peer import Array, Bodies, Peer
+from cylconn_ros.bench.faults.simulator import Array, Bodies, Simulator
+from cylconn_ros.process.child import Child, node_command
+from cylconn_ros.scene.parameter_file import dump
 from cylconn_ros.scene.scene import Scene
 
-OFFSET, ANGLE = 1e-3, 1e-2  # m, rad: a violation that is none
-_PATIENCE = 10.0  # s for an answer before a sample counts as lost
+OFFSET, ANGLE = 1e-3, 1e-2  # m, rad: greatest constraint violation allowed
+_ENERGY = 0.01  # greatest increase of energy allowed, relative to that at the start
+_TIMEOUT = 10.0  # s until a sample counts as unanswered
 
 SLEEVE = {
     "body_a": {"kind": "fixed"},
@@ -34,41 +40,55 @@ SLEEVE = {
 
 
 def sleeve(**more: Any) -> Scene:
-    """A sleeve off its balance on a fixed level shaft along x; parameters by ``a__b`` for a.b."""
+    """An unbalanced sleeve on a fixed level shaft along x; ``a__b=value`` sets parameter a.b."""
     values = Scene.from_parameters(SLEEVE).parameters()
     values |= {name.replace("__", "."): value for name, value in more.items()}
     return Scene.from_parameters(values)
 
 
+@contextlib.contextmanager
+def node(
+    kind: Literal["connector", "plant"], scene: Scene, folder: Path, *parameters: str
+) -> Iterator[Child]:
+    """Run a node with a scene and further parameters (``name:=value``) for a ``with`` block."""
+    file = folder / f"scene_{time.monotonic_ns()}.yaml"
+    file.write_text(dump(scene), encoding="utf-8")
+    arguments = [part for parameter in parameters for part in ("-p", parameter)]
+    command = node_command(kind, file, *arguments)
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with Child(kind, command, environment, folder=folder) as child:
+        yield child
+
+
 @dataclasses.dataclass
-class Row:
-    """What came of a fault.
+class FaultCase:
+    """A fault with its expected and its observed effect.
 
     Attributes
     ----------
-        seen: in words. wrong: expectations that were not met.
-        numbers: the same as data: ``not finite`` wrenches published, ``lost`` samples, ``offset``
-            (m) and ``angle`` (rad) at worst, ``recovery`` (s) to the next answer …
+        observed: sentences. failures: expectations that were not met.
+        numbers: observations as data: ``not finite`` wrenches published, ``lost`` samples, worst
+            ``offset`` (m) and ``angle`` (rad), ``recovery`` (s) to the next output, and others.
     """
 
     fault: str
     expected: str
-    seen: list[str] = dataclasses.field(default_factory=list)
-    wrong: list[str] = dataclasses.field(default_factory=list)
+    observed: list[str] = dataclasses.field(default_factory=list)
+    failures: list[str] = dataclasses.field(default_factory=list)
     numbers: dict[str, float] = dataclasses.field(default_factory=dict)
 
-    def say(self, text: str, **numbers: float) -> None:
-        """Put down what was seen."""
-        self.seen.append(text)
+    def observe(self, text: str, **numbers: float) -> None:
+        """Add an observation."""
+        self.observed.append(text)
         self.numbers |= {name.replace("_", " "): float(value) for name, value in numbers.items()}
 
-    def check(self, holds: object, otherwise: str) -> None:
-        """Put down what was not as expected."""
-        if not holds:
-            self.wrong.append(otherwise)
+    def check(self, condition: object, failure: str) -> None:
+        """Add a failure if a condition does not hold."""
+        if not condition:
+            self.failures.append(failure)
 
     def data(self) -> dict[str, Any]:
-        """For JSON."""
+        """Everything, for JSON."""
         return dataclasses.asdict(self)
 
 
@@ -80,103 +100,105 @@ def violation(state: Array) -> tuple[float, float]:
     return float(np.hypot(state[14], state[15])), float(np.arctan2(across, along))
 
 
-class Exchange:
-    """Lock step between the peer's bodies and a node: what comes of it.
+class ClosedLoop:
+    """Lock step between the bodies of a simulator and a node, with the worst values observed.
 
     Attributes
     ----------
-        offset, angle: worst violation so far. energy: of the bodies, sample by sample, J.
-        unanswered: samples that were sent and waited for in vain.
-        force, torque: greatest published, N, N.m. speed: at which the offset changed, m/s.
+        offset (m), angle (rad): worst violation. offset_rate: greatest change of the offset, m/s.
+        energy: of the bodies, sample by sample, J. force (N), torque (N.m): greatest published.
+        sent: number of samples. unanswered: of those without an output in time.
+        stamp: of the current sample, ns. period: ns.
     """
 
-    def __init__(self, peer: Peer) -> None:
-        self.peer = peer
-        self.bodies = Bodies(peer.scene)
-        self.period = round(peer.scene.period * 1e9)
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator = simulator
+        self.bodies = Bodies(simulator.scene)
+        self.period = round(simulator.scene.period * 1e9)
         self.stamp = 0
-        self.offset = self.angle = self.force = self.torque = self.speed = 0.0
+        self.offset = self.angle = self.force = self.torque = self.offset_rate = 0.0
         self.energy: list[float] = []
         self.sent = self.unanswered = 0
-        self._last: float | None = None  # offset
+        self._last_offset: float | None = None
         self._wrench: Array = np.zeros(6)
 
     @property
     def wrench(self) -> Array:
         """(6,) the newest wrench on the sleeve."""
-        newest = self.peer.wrenches[self.peer.moving[-1]]
+        newest = self.simulator.wrenches[self.simulator.moving[-1]]
         if newest is not None:
             self._wrench = np.array(newest.values)
         return self._wrench
 
-    def ask(self, wait: bool = True, patience: float = _PATIENCE) -> bool:
-        """Send the sample of now; whether it was answered, if that is waited for."""
-        self.peer.send(self.peer.sample(self.stamp, self.bodies.state))
+    def send(self) -> None:
+        """Send the current sample."""
+        self.simulator.send(self.simulator.sample(self.stamp, self.bodies.state))
         self.sent += 1
-        return self.wait(self.stamp, patience) if wait else True
 
-    def wait(self, stamp: int, patience: float = _PATIENCE) -> bool:
-        """Wait for the answer to a stamp."""
-        if self.peer.until(lambda: self.peer.answered(stamp), patience):
+    def exchange(self) -> bool:
+        """Send the current sample and wait for its output; False if there is none in time."""
+        self.send()
+        return self.wait(self.stamp)
+
+    def wait(self, stamp: int) -> bool:
+        """Wait for the output with a stamp; False if there is none in time."""
+        if self.simulator.spin_until(lambda: self.simulator.has_response(stamp), _TIMEOUT):
             return True
         self.unanswered += 1
         return False
 
-    def move(self, wrench: Array | None = None, stretch: float = 1.0) -> None:
-        """Move the bodies for a period under the newest wrench, or another."""
-        acts = self.wrench if wrench is None else wrench
-        self.force = max(self.force, float(np.linalg.norm(acts[:3])))
-        self.torque = max(self.torque, float(np.linalg.norm(acts[3:])))
-        h = self.period * stretch * 1e-9
+    def move(self, wrench: Array | None = None, period_factor: float = 1.0) -> None:
+        """Move the bodies by a period, times a factor, under the newest wrench or another one."""
+        acting = self.wrench if wrench is None else wrench
+        self.force = max(self.force, float(np.linalg.norm(acting[:3])))
+        self.torque = max(self.torque, float(np.linalg.norm(acting[3:])))
+        h = self.period * period_factor * 1e-9
         with np.errstate(all="ignore"):
-            self.bodies.step((np.zeros(6), acts), h)
+            self.bodies.step((np.zeros(6), acting), h)
         self.stamp += round(h * 1e9)
         offset, angle = violation(self.bodies.state)
-        if self._last is not None:
-            self.speed = max(self.speed, abs(offset - self._last) / h)
-        self._last = offset
+        if self._last_offset is not None:
+            self.offset_rate = max(self.offset_rate, abs(offset - self._last_offset) / h)
+        self._last_offset = offset
         self.offset, self.angle = max(self.offset, offset), max(self.angle, angle)
         self.energy.append(self.bodies.energy())
 
     def run(self, steps: int) -> None:
-        """Exchange so many samples as they should be."""
+        """Exchange samples without a fault."""
         for _ in range(steps):
-            self.ask()
+            self.exchange()
             self.move()
 
-    def anew(self) -> None:
-        """Begin again at stamp 0, as a simulator that was started anew; the worst is forgotten."""
+    def restart(self) -> None:
+        """Begin again with the initial state at stamp 0, as a restarted simulator does."""
         self.bodies.state[:], self.stamp = self.bodies.start, 0
-        self.settle()
+        self.reset_worst()
 
-    def settle(self) -> None:
-        """Forget the worst so far."""
-        self.offset = self.angle = self.force = self.torque = self.speed = 0.0
+    def reset_worst(self) -> None:
+        """Reset the worst values and the energies."""
+        self.offset = self.angle = self.force = self.torque = self.offset_rate = 0.0
         self.energy.clear()
-        self._last = None
+        self._last_offset = None
 
-    def recovered(self) -> float:
-        """Seconds from now until a sample is answered again; infinite where none is."""
+    def recovery_time(self) -> float:
+        """Time until the next sample has an output, s; infinite if it has none."""
         begin = time.monotonic()
-        if not self.ask():
+        if not self.exchange():
             return float("inf")
         took = time.monotonic() - begin
         self.move()
         return took
 
-    def judge(self, row: Row) -> None:
-        """Violation, energy, losses: into a row."""
+    def check(self, case: FaultCase) -> None:
+        """Add violation, energy and losses to a case, with the criteria they have to meet."""
         gained = max(self.energy) - self.energy[0] if self.energy else 0.0
-        most = max(abs(self.energy[0]), 1e-9) if self.energy else 1.0
-        row.say(
-            f"offset ≤ {1e3 * self.offset:.2g} mm, angle ≤ {1e3 * self.angle:.2g} mrad, "
-            f"energy +{100 * max(gained, 0.0) / most:.2g} %, unanswered {self.unanswered}",
-            offset=self.offset, angle=self.angle, energy=gained / most, unanswered=self.unanswered,
+        scale = max(abs(self.energy[0]), 1e-9) if self.energy else 1.0
+        case.observe(
+            f"offset ≤ {1e3 * self.offset:.2g} mm, angle ≤ {1e3 * self.angle:.2g} mrad, energy "
+            f"+{100 * max(gained, 0.0) / scale:.2g} %, unanswered {self.unanswered}",
+            offset=self.offset, angle=self.angle, energy=gained / scale, unanswered=self.unanswered,
         )  # fmt: skip
-        row.check(self.offset <= OFFSET, "offset")
-        row.check(self.angle <= ANGLE, "angle")
-        row.check(gained <= 0.01 * most, "energy")
-        row.check(not self.unanswered, "samples without an answer")
-
-
-Fault = Callable[[], Row]
+        case.check(self.offset <= OFFSET, "offset")
+        case.check(self.angle <= ANGLE, "angle")
+        case.check(gained <= _ENERGY * scale, "energy")
+        case.check(not self.unanswered, "unanswered samples")

@@ -1,6 +1,7 @@
-"""Put every fault upon real processes: ``python -m cylconn_ros.bench.faults.run FOLDER [quick]``.
+"""Inject every fault into real processes.
 
-Prints a line of JSON for every fault (bench/faults/fault.py), in an environment of its own.
+``python -m cylconn_ros.bench.faults.run FOLDER [quick]`` prints one line of JSON per fault case
+(bench/faults/fault.py). Its environment needs a ROS domain of its own.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cylconn_ros.bench.faults import processes, shutdown
-from cylconn_ros.bench.faults.fault import Row, sleeve
-from cylconn_ros.bench.faults.messages import Messages
-from cylconn_ros.bench.faults.peer import Peer
-from cylconn_ros.bench.faults.stamps import Stamps, late, misaligned
-from cylconn_ros.process.programs import program
+from cylconn_ros.bench.faults.fault import FaultCase, node, sleeve
+from cylconn_ros.bench.faults.messages import MessageFaults
+from cylconn_ros.bench.faults.simulator import Simulator
+from cylconn_ros.bench.faults.stamps import StampFaults, late_wrenches, misaligned
+from cylconn_ros.errors import ProcessError
 from cylconn_ros.scene.scene import Scene
 
 _TILT = [0.0, 0.25881904510252074, 0.0, 0.9659258262890683]  # 30 degrees
-_FAR = {
+_MISALIGNED = {
     "timeout": 60.0,
     "reference__offsets": "zero",
     "reference__misalignment": "zero",
@@ -34,50 +35,51 @@ _FAR = {
 }
 
 
-def rows(folder: Path, quick: bool) -> Iterator[Row]:
-    """Every fault, one after the other."""
-    with _served(folder, sleeve(timeout=60.0)) as peer:
-        for row in Messages(peer, quick).all():
-            yield counted(row, peer)
-        for row in Stamps(peer, quick).all():
-            yield counted(row, peer)
+def cases(folder: Path, quick: bool) -> Iterator[FaultCase]:
+    """Run every fault in sequence."""
+    with _connected(folder, sleeve(timeout=60.0)) as simulator:
+        for case in MessageFaults(simulator, quick).cases():
+            yield with_invariants(case, simulator)
+        for case in StampFaults(simulator, quick).cases():
+            yield with_invariants(case, simulator)
     steps = 300 if quick else 2000
     for samples in (2,) if quick else (1, 2, 5):
         for latency in (0, samples) if quick else (0, samples, -1):
-            with _served(folder, sleeve(timeout=60.0, latency=latency)) as peer:
-                yield counted(late(peer, samples, steps), peer)
-    with _served(folder, sleeve(**_FAR)) as peer:
-        yield counted(misaligned(peer, 1500), peer)
-    for row, peer in itertools.chain(processes.rows(folder, quick), shutdown.rows(folder, quick)):
-        yield counted(row, peer)
+            with _connected(folder, sleeve(timeout=60.0, latency=latency)) as simulator:
+                yield with_invariants(late_wrenches(simulator, samples, steps), simulator)
+    with _connected(folder, sleeve(**_MISALIGNED)) as simulator:
+        yield with_invariants(misaligned(simulator, 1500), simulator)
+    of_processes = processes.cases(folder, quick), shutdown.cases(folder, quick)
+    for case, simulator in itertools.chain(*of_processes):
+        yield with_invariants(case, simulator)
 
 
 @contextlib.contextmanager
-def _served(folder: Path, scene: Scene) -> Iterator[Peer]:
-    """A node of its own, met by a peer."""
-    with program("connector", scene, folder) as node:
-        peer = Peer(scene)
+def _connected(folder: Path, scene: Scene) -> Iterator[Simulator]:
+    """A connector node of its own and the simulator connected to it."""
+    with node("connector", scene, folder) as child:
+        simulator = Simulator(scene)
         try:
-            peer.meet(node.alive)
-            yield peer
+            simulator.connect(lambda: child.running)
+            yield simulator
         except Exception as error:
-            raise RuntimeError(f"{error}; the node said last: {node.said[-300:]}") from error
+            raise ProcessError(f"{error}; {child.last_words()}") from error
         finally:
-            peer.close()
+            simulator.close()
 
 
-def counted(row: Row, peer: Peer) -> Row:
-    """The row with what no fault may bring about."""
-    row.numbers["not finite"] = peer.not_finite
-    row.check(not peer.not_finite, "published what is not finite")
-    return row
+def with_invariants(case: FaultCase, simulator: Simulator) -> FaultCase:
+    """The case with the criterion of every fault: all published wrenches are finite."""
+    case.numbers["not finite"] = simulator.not_finite
+    case.check(not simulator.not_finite, "published a wrench that is not finite")
+    return case
 
 
 def main() -> int:
-    """Print a line for every fault."""
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as a terminal has it: nohup is inherited
-    for row in rows(Path(sys.argv[1]), sys.argv[2:] == ["quick"]):
-        print(json.dumps(row.data()), flush=True)
+    """Print a line of JSON per fault."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup would be inherited by the nodes
+    for case in cases(Path(sys.argv[1]), sys.argv[2:] == ["quick"]):
+        print(json.dumps(case.data()), flush=True)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Every way of ending: the last wrench that is heard is zero, and the recording is whole."""
+"""Shutdown and storage faults: the last wrench is zero and the recording is complete."""
 
 from __future__ import annotations
 
@@ -11,146 +11,150 @@ from pathlib import Path
 
 from lifecycle_msgs.srv import ChangeState
 
-from cylconn_ros.bench.faults.fault import Exchange, Row, sleeve
-from cylconn_ros.bench.faults.peer import Peer
-from cylconn_ros.process.programs import Program, program
+from cylconn_ros.bench.faults.fault import ClosedLoop, FaultCase, node, sleeve
+from cylconn_ros.bench.faults.simulator import Simulator
+from cylconn_ros.errors import ProcessError
+from cylconn_ros.process.child import Child
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.salvage import salvage
 
-_STREAM = 0.3  # s of samples before the end
-_GAP = 0.001  # s between them
+_STREAM = 0.3  # s of samples before and after the shutdown
+_INTERVAL = 0.001  # s between samples
 _DEACTIVATE, _SHUTDOWN = 4, 7  # lifecycle_msgs/Transition
-_FULL = 1_000_000  # bytes that a full disk still takes: several of a recording's pieces of 0.1 s
+_DISK_SPACE = 1_000_000  # bytes until the disk is full: several chunks of 0.1 s of a recording
 
-End = Callable[[Program, Peer], None]
+Shutdown = Callable[[Child, Simulator], None]
 
 
-def rows(folder: Path, quick: bool) -> Iterator[tuple[Row, Peer]]:
-    """Every ending, with the peer that looked on."""
-    ends: dict[str, End] = {
-        "SIGINT": lambda node, _: node.signal(signal.SIGINT),
-        "SIGTERM": lambda node, _: node.signal(signal.SIGTERM),
-        "SIGHUP": lambda node, _: node.signal(signal.SIGHUP),
-        "lifecycle deactivate": lambda _, peer: change(peer, _DEACTIVATE),
-        "lifecycle shutdown": lambda _, peer: change(peer, _SHUTDOWN),
+def cases(folder: Path, quick: bool) -> Iterator[tuple[FaultCase, Simulator]]:
+    """Run every shutdown and storage fault; yield it with its simulator."""
+    shutdowns: dict[str, Shutdown] = {
+        "SIGINT": lambda child, _: child.signal(signal.SIGINT),
+        "SIGTERM": lambda child, _: child.signal(signal.SIGTERM),
+        "SIGHUP": lambda child, _: child.signal(signal.SIGHUP),
+        "lifecycle deactivate": lambda _, simulator: request_transition(simulator, _DEACTIVATE),
+        "lifecycle shutdown": lambda _, simulator: request_transition(simulator, _SHUTDOWN),
     }
     if quick:
-        ends = {name: ends[name] for name in ("SIGHUP", "lifecycle deactivate")}
-    for name, end in ends.items():
-        peer = Peer(sleeve())
+        shutdowns = {name: shutdowns[name] for name in ("SIGHUP", "lifecycle deactivate")}
+    for name, shutdown in shutdowns.items():
+        simulator = Simulator(sleeve())
         try:
-            yield ended(folder, peer, name, end), peer
+            yield shut_down(folder, simulator, name, shutdown), simulator
         finally:
-            peer.close()
-    for fault in (full,) if quick else (silent, full):
-        peer = Peer(sleeve())
+            simulator.close()
+    for fault in (disk_full,) if quick else (input_timeout, disk_full):
+        simulator = Simulator(sleeve())
         try:
-            yield fault(folder, peer), peer
+            yield fault(folder, simulator), simulator
         finally:
-            peer.close()
+            simulator.close()
 
 
-def change(peer: Peer, transition: int) -> None:
-    """Ask the node for a transition, without waiting for the answer."""
-    client = peer.node.create_client(ChangeState, "/connector/change_state")
+def request_transition(simulator: Simulator, transition: int) -> None:
+    """Request a lifecycle transition of the node without waiting for the response.
+
+    Raises ProcessError if the node has no lifecycle service.
+    """
+    client = simulator.node.create_client(ChangeState, "/connector/change_state")
     if not client.wait_for_service(10.0):
-        raise RuntimeError("no lifecycle service")
+        raise ProcessError("the connector has no lifecycle service")
     request = ChangeState.Request()
     request.transition.id = transition
     client.call_async(request)
 
 
-def _stream(exchange: Exchange, seconds: float) -> None:
-    """Send samples without waiting, moving on under the newest wrench."""
+def _stream(loop: ClosedLoop, seconds: float) -> None:
+    """Send samples without waiting for outputs; the newest wrench acts."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        exchange.ask(wait=False)
-        exchange.peer.take(round(_GAP * 1e9))
-        exchange.move()
+        loop.send()
+        loop.simulator.take(round(_INTERVAL * 1e9))
+        loop.move()
 
 
-def ended(folder: Path, peer: Peer, name: str, end: End) -> Row:
-    """End a node while samples stream in."""
-    row = Row(f"{name} under load", "a last zero wrench, newer than all; a whole recording")
-    place = folder / name.replace(" ", "_")
-    with program(
-        "connector", peer.scene, folder, "record.enabled:=true", f"record.directory:={place}"
-    ) as node:
-        peer.meet(node.alive)
-        heard = peer.listen()
-        exchange = Exchange(peer)
-        _stream(exchange, _STREAM)
-        end(node, peer)
-        _stream(exchange, _STREAM)
-        peer.hear(1.0)
-        (run,) = place.iterdir()
-        row.check(peer.until((run / "metadata.yaml").exists, 10.0), "the recording is not closed")
-        ends = "deactivate" not in name
-        if ends:
-            code = node.wait()
-            row.check(code == 0, f"exit code {code}")
-        newest = max(wrench.stamp for wrench in heard)
-        last = heard[-1]
+def shut_down(folder: Path, simulator: Simulator, name: str, shutdown: Shutdown) -> FaultCase:
+    """Shut a recording node down while samples arrive."""
+    case = FaultCase(f"{name} under load", "a zero wrench last, newest stamp; complete recording")
+    directory = folder / name.replace(" ", "_")
+    record = ("record.enabled:=true", f"record.directory:={directory}")
+    with node("connector", simulator.scene, folder, *record) as child:
+        simulator.connect(lambda: child.running)
+        received = simulator.record()
+        loop = ClosedLoop(simulator)
+        _stream(loop, _STREAM)
+        shutdown(child, simulator)
+        _stream(loop, _STREAM)
+        simulator.spin_for(1.0)
+        (run,) = directory.iterdir()
+        closed = simulator.spin_until((run / "metadata.yaml").exists, 10.0)
+        case.check(closed, "the recording is not closed")
+        if "deactivate" not in name:
+            code = child.wait(30.0)
+            case.check(code == 0, f"exit code {code}")
+        newest = max(wrench.stamp for wrench in received)
+        last = received[-1]
         zero = not any(last.values)
-        row.say(f"{len(heard)} wrenches heard, the last is {'zero' if zero else last.values}",
-                heard=len(heard))  # fmt: skip
-        row.check(zero, "the last wrench heard is not zero")
-        row.check(last.stamp == newest, "the last wrench is not the newest")
-        whole = read_run(run)
-        recorded = whole.table("/body_b/wrench")
-        row.say(f"recording {'whole' if whole.incomplete is None else 'broken'}, "
-                f"{len(recorded)} wrenches", recorded=len(recorded))  # fmt: skip
-        row.check(whole.incomplete is None, "the recording is not whole")
-        row.check(int(recorded.stamp[-1]) == last.stamp, "the last wrench is not recorded")
-        row.check(len(recorded) == len(heard), "recorded and heard are not as many")
-        row.check("Traceback" not in node.said, "a traceback was printed")
-    return row
+        case.observe(f"{len(received)} wrenches, the last is {'zero' if zero else last.values}",
+                     wrenches=len(received))  # fmt: skip
+        case.check(zero, "the last wrench is not zero")
+        case.check(last.stamp == newest, "the last wrench does not have the newest stamp")
+        recording = read_run(run)
+        recorded = recording.table("/body_b/wrench")
+        case.observe(f"recording {'complete' if recording.incomplete is None else 'incomplete'}, "
+                     f"{len(recorded)} wrenches", recorded=len(recorded))  # fmt: skip
+        case.check(recording.incomplete is None, "the recording is incomplete")
+        case.check(int(recorded.stamp[-1]) == last.stamp, "the last wrench is not recorded")
+        case.check(len(recorded) == len(received), "recorded and received wrenches differ")
+        case.check("Traceback" not in child.output, "a traceback was printed")
+    return case
 
 
-def silent(folder: Path, peer: Peer) -> Row:
-    """Samples stop."""
-    timeout = peer.scene.timeout
-    row = Row("samples stop", f"zero wrench {timeout:g} s later, and one only")
-    with program("connector", peer.scene, folder) as node:
-        peer.meet(node.alive)
-        exchange = Exchange(peer)
-        exchange.run(50)
-        heard, begin = peer.listen(), time.monotonic()
-        came = peer.until(lambda: heard, 5.0)
+def input_timeout(folder: Path, simulator: Simulator) -> FaultCase:
+    """Samples stop arriving."""
+    timeout = simulator.scene.timeout
+    case = FaultCase("samples stop", f"one zero wrench after {timeout:g} s")
+    with node("connector", simulator.scene, folder) as child:
+        simulator.connect(lambda: child.running)
+        loop = ClosedLoop(simulator)
+        loop.run(50)
+        received, begin = simulator.record(), time.monotonic()
+        arrived = simulator.spin_until(lambda: received, 5.0)
         took = time.monotonic() - begin
-        peer.hear(5.0 * timeout)
-        row.say(f"after {1e3 * took:.0f} ms", after=took)
-        row.check(came and not any(heard[0].values), "no zero wrench")
-        row.check(len(heard) == 1, f"{len(heard)} wrenches")
-        row.check(took >= 0.9 * timeout, "too early")
-        took = exchange.recovered()
-        row.say(f"next sample answered in {1e3 * took:.1f} ms", recovery=took)
-        row.check(math.isfinite(took) and exchange.wrench.any(), "does not go on")
-    return row
+        simulator.spin_for(5.0 * timeout)
+        case.observe(f"after {1e3 * took:.0f} ms", after=took)
+        case.check(arrived and not any(received[0].values), "no zero wrench")
+        case.check(len(received) == 1, f"{len(received)} wrenches")
+        case.check(took >= 0.9 * timeout, "too early")
+        took = loop.recovery_time()
+        case.observe(f"next output after {1e3 * took:.1f} ms", recovery=took)
+        case.check(math.isfinite(took) and loop.wrench.any(), "does not recover")
+    return case
 
 
-def full(folder: Path, peer: Peer) -> Row:
-    """The disk takes no more; a limit of the file's size stands in for it."""
-    row = Row("disk full while recording", "told in diagnostics, losses counted; serves on")
-    place = folder / "full"
-    with program(
-        "connector", peer.scene, folder, "record.enabled:=true", f"record.directory:={place}",
-        "record.compression:=none",
-    ) as node:  # fmt: skip
-        peer.meet(node.alive)
-        resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (_FULL, _FULL))
-        exchange = Exchange(peer)
-        exchange.run(1500)
-        told = peer.until(lambda: peer.status("recording").get("level") == "2", 10.0)
-        row.say(f"diagnostics: “{peer.status('recording').get('message', '').partition(': ')[0]}”")
-        row.check(told, "not told")
-        lost = peer.counts()["messages lost"]
-        row.say(f"{lost} messages counted as lost", lost=lost)
-        row.check(lost > 0, "losses not counted")
-        exchange.run(50)
-        row.check(not exchange.unanswered, "does not serve on")
-    (run,) = place.iterdir()
-    saved = read_run(salvage(run).directory)
-    row.say(f"{saved.counts['/body_b/wrench']} samples salvaged")
-    row.check(saved.counts["/body_b/wrench"] > 10, "nothing salvaged")
-    return row
+def disk_full(folder: Path, simulator: Simulator) -> FaultCase:
+    """The disk is full; a limit of the file size stands for it."""
+    case = FaultCase("disk full while recording", "error in diagnostics, losses counted; continues")
+    directory = folder / "full"
+    record = ("record.enabled:=true", f"record.directory:={directory}", "record.compression:=none")
+    with node("connector", simulator.scene, folder, *record) as child:
+        simulator.connect(lambda: child.running)
+        resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (_DISK_SPACE, _DISK_SPACE))
+        loop = ClosedLoop(simulator)
+        loop.run(1500)
+        reported = simulator.spin_until(
+            lambda: simulator.status("recording").get("level") == "2", 10.0
+        )
+        message = simulator.status("recording").get("message", "").partition(": ")[0]
+        case.observe(f"diagnostics: “{message}”")
+        case.check(reported, "no error in diagnostics")
+        lost = simulator.counts()["messages lost"]
+        case.observe(f"{lost} messages counted as lost", lost=lost)
+        case.check(lost > 0, "losses not counted")
+        loop.run(50)
+        case.check(not loop.unanswered, "does not continue")
+    (run,) = directory.iterdir()
+    recovered = read_run(salvage(run).directory)
+    case.observe(f"{recovered.counts['/body_b/wrench']} samples recovered")
+    case.check(recovered.counts["/body_b/wrench"] > 10, "no samples recovered")
+    return case

@@ -1,6 +1,6 @@
-"""The node for millions of samples: what it loses, what it holds, and the laws of what it recorded.
+"""Soak benchmark: losses and memory of a recording node, and the laws of its recording.
 
-The exchange itself is a program of its own (bench/faults/soak.py).
+The exchange of the samples is a program of its own (bench/faults/soak.py).
 """
 
 from __future__ import annotations
@@ -8,84 +8,71 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from cylconn_ros.bench.common.results import Findings, Measurement, Target
-from cylconn_ros.process import json_lines
+from cylconn_ros.laws.guarantees import title
+from cylconn_ros.laws.runs import check_recording
+from cylconn_ros.laws.summary import LawSummary
+from cylconn_ros.process.child import Child, module_command
 
 SAMPLES, QUICK = 2_000_000, 20_000
-_SHOWN = (0.1, 0.25, 0.5, 0.75, 1.0)  # shares of the samples at which memory is shown
-_SETTLED = 0.1  # of the samples, before which memory may still grow
-_GROWTH = 0.01  # of the memory, that it may grow by afterwards
+_SHOWN = (0.1, 0.25, 0.5, 0.75, 1.0)  # shares of the samples at which memory is printed
+_STEADY = 0.1  # share of the samples after which memory must be steady
+_GROWTH = 0.01  # allowed relative growth of memory afterwards
 
 Progress = Callable[[int, int], object]
 
 
-class Law(NamedTuple):
-    """What the check of a recording says of one law."""
-
-    name: str
-    samples: int  # that it speaks of
-    worst: float
-    beyond: int  # samples beyond the tolerance
-
-
-class Checked(NamedTuple):
-    """What the check of a recording says."""
-
-    samples: int
-    laws: list[Law]
-    regimes: Mapping[str, int]
-
-
-Check = Callable[[Path], Checked]
-
-
 def measure(
-    samples: int, environment: Mapping[str, str], check: Check, progress: Progress
+    samples: int,
+    environment: Mapping[str, str],
+    exchange_progress: Progress,
+    check_progress: Progress,
 ) -> Findings:
-    """Exchange ``samples`` with a node that records them, then check its recording.
+    """Exchange ``samples`` with a recording node, then check the laws of its recording.
 
-    Raises RuntimeError where the exchange ends too early.
+    Raises ProcessError if the exchange ends early.
     """
     with tempfile.TemporaryDirectory() as name:
         found: dict[str, Any] = {}
-        module = "cylconn_ros.bench.faults.soak"
-        for found in json_lines.said(module, [name, str(samples)], environment):
-            if "done" in found:
-                progress(found["done"], samples)
+        command = module_command("cylconn_ros.bench.faults.soak", name, str(samples))
+        with Child("the exchange", command, environment, json_lines=True) as child:
+            for found in child.messages():
+                if "done" in found:
+                    exchange_progress(found["done"], samples)
         run = Path(found["run"])
         size = sum(file.stat().st_size for file in run.iterdir())
-        checked = check(run)
+        _, checked = check_recording(run, check_progress)
     return Findings(
         targets=list(_targets(found, checked)),
         measurements=[*_measurements(found, size), *_memory(found), *_laws(checked)],
     )
 
 
-def _grown(memory: list[tuple[int, float]], samples: int) -> float:
-    """By which share of itself memory has grown since it should have settled."""
-    settled = [mb for done, mb in memory if done >= _SETTLED * samples]
-    return max(settled) / settled[0] - 1.0
+def _growth(memory: list[tuple[int, float]], samples: int) -> float:
+    """Relative growth of memory since it should be steady."""
+    steady = [mb for done, mb in memory if done >= _STEADY * samples]
+    return max(steady) / steady[0] - 1.0
 
 
-def _targets(found: Mapping[str, Any], checked: Checked) -> Iterator[Target]:
+def _targets(found: Mapping[str, Any], checked: LawSummary) -> Iterator[Target]:
     samples, counted = found["samples"], found["counted"]
     of = f"of {samples} samples"
-    lost = samples - counted["samples answered"]
-    broken = sum(law.beyond for law in checked.laws)
+    lost = samples - counted["samples processed"]
+    broken = sum(law.violations for law in checked.laws.values())
     faults = ("undecodable", "failed", "non-finite", "incomplete samples", "late messages")
-    yield Target("samples without an answer", max(found["unanswered"], lost), 0.0, "", of)
+    yield Target("samples without an output", max(found["unanswered"], lost), 0.0, "", of)
     yield Target("wrenches that are not finite", found["not_finite"], 0.0, "",
                  f"of {found['wrenches']}")  # fmt: skip
     yield Target("faults in diagnostics", sum(counted[name] for name in faults), 0.0, "")
     yield Target("messages lost by the recording", counted["messages lost"], 0.0, "",
                  f"of {counted['messages recorded']}")  # fmt: skip
     yield Target("samples not in the recording", samples - checked.samples, 0.0, "")
-    yield Target("samples that break a law", broken, 0.0, "", f"of {checked.samples}")
-    yield Target("memory, growth after the first tenth", _grown(found["memory"], samples), _GROWTH,
+    yield Target("samples that violate a law", broken, 0.0, "", f"of {checked.samples}")
+    yield Target("memory, growth after the first tenth", _growth(found["memory"], samples), _GROWTH,
                  "1")  # fmt: skip
     yield Target("exit code after Ctrl-C", found["code"], 0.0, "")
 
@@ -94,7 +81,7 @@ def _measurements(found: Mapping[str, Any], size: int) -> Iterator[Measurement]:
     for quantity, value, unit in (
         ("samples", found["samples"], ""),
         ("samples/s", found["samples"] / found["seconds"], "1/s"),
-        ("simulators started anew", found["counted"]["restarts"], ""),
+        ("restarts of the simulator", found["counted"]["restarts"], ""),
         ("messages recorded", found["counted"]["messages recorded"], ""),
         ("recording", size / 1e6, "MB"),
     ):
@@ -106,17 +93,18 @@ def _memory(found: Mapping[str, Any]) -> Iterator[Measurement]:
     for share in _SHOWN:
         k = int(np.argmin(np.abs(done - share * found["samples"])))
         yield Measurement(
-            "memory that the node holds", "node, recording", f"after {done[k]}",
+            "resident memory of the node", "node, recording", f"after {done[k]}",
             found["memory"][k][1], "MB",
         )  # fmt: skip
 
 
-def _laws(checked: Checked) -> Iterator[Measurement]:
+def _laws(checked: LawSummary) -> Iterator[Measurement]:
     problem = "laws of the recording"
-    for law in checked.laws:
-        yield Measurement(problem, law.name, "samples", float(law.samples), "")
-        yield Measurement(problem, law.name, "worst", law.worst, "")
-        yield Measurement(problem, law.name, "beyond 1e-12", float(law.beyond), "")
+    for name, law in checked.laws.items():
+        if law.samples:
+            yield Measurement(problem, title(name), "samples", float(law.samples), "")
+            yield Measurement(problem, title(name), "worst", law.worst, "")
+            yield Measurement(problem, title(name), "beyond 1e-12", float(law.violations), "")
     for regime, count in checked.regimes.items():
         if count:
             yield Measurement("regimes", regime, "samples", float(count), "")

@@ -1,4 +1,4 @@
-"""Samples that come again, in another order, not at all, at other times, or from elsewhere."""
+"""Timing faults: samples repeated, reordered, lost, irregular in time, or after a jump."""
 
 from __future__ import annotations
 
@@ -9,195 +9,201 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from cylconn_ros.bench.faults.fault import Exchange, Row
-from cylconn_ros.bench.faults.peer import Array, Messages, Peer
+from cylconn_ros.bench.faults.fault import ClosedLoop, FaultCase
+from cylconn_ros.bench.faults.simulator import Array, Messages, Simulator
 
 _PAUSE = 50  # samples that a paused simulator repeats
-_BACK = 0.3  # s
-_AWAY = (0.1, 0.02, -0.01)  # m
-_PULLED_IN = 400  # samples, for what was teleported: 22 mm at 0.1 m/s, and some
+_JUMP = 0.3  # s by which the clock goes back
+_TELEPORT = (0.1, 0.02, -0.01)  # m, of body B
+_PULL_IN = 400  # samples for the correction of the teleport: 22 mm at 0.1 m/s, and a margin
+_SHARE = 0.1  # of the samples that are lost or reordered
+_JITTER = 0.3  # of the period
 
 
-class Stamps:
-    """Closed loops over faulty ways, each a history of its own, with the node ``peer`` has met."""
+class StampFaults:
+    """Closed loops with timing faults, one history each, on the node connected to a simulator."""
 
-    def __init__(self, peer: Peer, quick: bool) -> None:
-        self.peer = peer
+    def __init__(self, simulator: Simulator, quick: bool) -> None:
+        self.simulator = simulator
         self.steps = 150 if quick else 1500
-        self.exchange = Exchange(peer)
-        self._chance = random.Random(9)
-        self._held: Messages = []  # to be sent after the next
+        self.loop = ClosedLoop(simulator)
+        self._random = random.Random(9)
+        self._delayed: Messages = []  # sent after the next sample
 
-    def all(self) -> Iterator[Row]:
-        """Every fault."""
+    def cases(self) -> Iterator[FaultCase]:
+        """Run every fault."""
         yield self.repeated()
         yield self._lossy("10 % of the samples lost", self._lose)
-        yield self._lossy("10 % come after the next one", self._swap)
+        yield self._lossy("10 % of the samples after the next one", self._swap)
         yield self.jitter()
-        yield self.paused()
-        yield self.back()
-        yield self.anew()
+        yield self.clock_paused()
+        yield self.clock_back()
+        yield self.simulator_restarted()
         yield self.teleported()
 
-    def _row(self, fault: str, expected: str = "constraint and energy kept") -> Row:
-        self.exchange.anew()
-        self.exchange.sent = self.exchange.unanswered = 0
-        return Row(fault, expected)
+    def _case(self, fault: str, expected: str = "constraint and energy kept") -> FaultCase:
+        self.loop.restart()
+        self.loop.sent = self.loop.unanswered = 0
+        return FaultCase(fault, expected)
 
-    def repeated(self) -> Row:
+    def repeated(self) -> FaultCase:
         """Every sample three times."""
-        row = self._row("every sample three times", "the same answer again, nothing advances")
-        ours, before = self.exchange, self.peer.counts()
-        other = 0
+        case = self._case("every sample three times", "the same output again, no time step")
+        loop, before = self.loop, self.simulator.counts()
+        different = 0
         for _ in range(self.steps):
-            ours.ask()
-            first, come = ours.wrench, self.peer.count + 1
+            loop.exchange()
+            first, expected = loop.wrench, self.simulator.count + 1
             for _ in range(2):
-                ours.ask(wait=False)
-            self.peer.until(functools.partial(self._came, come), 5.0)
-            other += not np.array_equal(first, ours.wrench)
-            ours.move()
-        after = self.peer.counts()
-        again = after["answered again"] - before["answered again"]
-        row.say(f"{again} answered again, {other} of them otherwise", again=again)
-        row.check(again >= self.steps and not other, "not the same again")
-        ours.judge(row)
-        return row
+                loop.send()
+            self.simulator.spin_until(functools.partial(self._received, expected), 5.0)
+            different += not np.array_equal(first, loop.wrench)
+            loop.move()
+        after = self.simulator.counts()
+        repeated = after["duplicate samples"] - before["duplicate samples"]
+        case.observe(f"{repeated} duplicate samples, {different} of them with another wrench",
+                     duplicates=repeated)  # fmt: skip
+        case.check(repeated >= self.steps and not different, "not the same output")
+        loop.check(case)
+        return case
 
-    def _came(self, count: int) -> bool:
-        return self.peer.count >= count
+    def _received(self, count: int) -> bool:
+        return self.simulator.count >= count
 
-    def _lossy(self, fault: str, way: Callable[[int], None]) -> Row:
-        row = self._row(fault)
+    def _lossy(self, fault: str, send: Callable[[int], None]) -> FaultCase:
+        case = self._case(fault)
         for k in range(self.steps):
-            way(k)
-            self.exchange.move()
-        row.say(f"{self.exchange.sent} of {self.steps} sent", sent=self.exchange.sent)
-        self.exchange.judge(row)
-        return row
+            send(k)
+            self.loop.move()
+        case.observe(f"{self.loop.sent} of {self.steps} sent", sent=self.loop.sent)
+        self.loop.check(case)
+        return case
 
     def _lose(self, step: int) -> None:
-        if not step or self._chance.random() >= 0.1:
-            self.exchange.ask()
+        """Send the sample with a probability of 90 %."""
+        if not step or self._random.random() >= _SHARE:
+            self.loop.exchange()
 
     def _swap(self, step: int) -> None:
-        """Hold a sample back until the next one has gone."""
-        ours = self.exchange
-        if step and not self._held and self._chance.random() < 0.1:
-            self._held = self.peer.sample(ours.stamp, ours.bodies.state)
+        """With a probability of 10 %, send the sample after the next one."""
+        loop = self.loop
+        if step and not self._delayed and self._random.random() < _SHARE:
+            self._delayed = self.simulator.sample(loop.stamp, loop.bodies.state)
             return
-        ours.ask()
-        self.peer.send(self._held)
-        self._held = []
+        loop.exchange()
+        self.simulator.send(self._delayed)
+        self._delayed = []
 
-    def jitter(self) -> Row:
-        """Periods of 0.7 to 1.3 times what the node is told."""
-        row = self._row("30 % jitter of the period")
+    def jitter(self) -> FaultCase:
+        """Periods of 0.7 to 1.3 times the nominal one."""
+        case = self._case("30 % jitter of the period")
         for _ in range(self.steps):
-            self.exchange.ask()
-            self.exchange.move(stretch=1.0 + 0.3 * self._chance.uniform(-1.0, 1.0))
-        row.say(f"{self.peer.counts()['off period']} samples off the period counted")
-        self.exchange.judge(row)
-        return row
+            self.loop.exchange()
+            self.loop.move(period_factor=1.0 + _JITTER * self._random.uniform(-1.0, 1.0))
+        case.observe(f"{self.simulator.counts()['off period']} samples off the period counted")
+        self.loop.check(case)
+        return case
 
-    def paused(self) -> Row:
-        """The simulator repeats a sample many times, then goes on."""
-        row = self._row(f"clock paused: a sample {_PAUSE} times")
-        ours = self.exchange
-        ours.run(self.steps // 2)
+    def clock_paused(self) -> FaultCase:
+        """The simulator repeats a sample, then continues."""
+        case = self._case(f"clock paused: a sample {_PAUSE} times")
+        loop = self.loop
+        loop.run(self.steps // 2)
         for _ in range(_PAUSE):
-            ours.ask()
-        ours.run(self.steps // 2)
-        ours.judge(row)
-        return row
+            loop.exchange()
+        loop.run(self.steps // 2)
+        loop.check(case)
+        return case
 
-    def back(self) -> Row:
-        """Stamps jump back while the bodies go on."""
-        row = self._row(f"clock back by {_BACK:g} s", "a new history; constraint kept")
-        ours, before = self.exchange, self.peer.counts()["restarts"]
-        ours.run(max(self.steps // 2, round(1.2 * _BACK / ours.period * 1e9)))
-        ours.stamp -= round(_BACK * 1e9)
-        row.say(f"next sample answered in {1e3 * ours.recovered():.1f} ms")
-        ours.run(self.steps // 2)
-        found = self.peer.counts()["restarts"] - before
-        row.say(f"{found} restart counted", restarts=found)
-        row.check(found >= 1, "not counted")
-        ours.judge(row)
-        return row
+    def clock_back(self) -> FaultCase:
+        """Stamps jump back while the bodies continue to move."""
+        case = self._case(f"clock back by {_JUMP:g} s", "a new history; constraint kept")
+        loop, before = self.loop, self.simulator.counts()["restarts"]
+        loop.run(max(self.steps // 2, round(1.2 * _JUMP / loop.period * 1e9)))
+        loop.stamp -= round(_JUMP * 1e9)
+        case.observe(f"next output after {1e3 * loop.recovery_time():.1f} ms")
+        loop.run(self.steps // 2)
+        self._check_restarts(case, before)
+        return case
 
-    def anew(self) -> Row:
-        """The simulator begins again where it began."""
-        row = self._row("simulator begins anew", "a new history; constraint kept")
-        ours, before = self.exchange, self.peer.counts()["restarts"]
-        ours.run(self.steps // 2)
-        ours.anew()
-        ours.run(self.steps // 2)
-        found = self.peer.counts()["restarts"] - before
-        row.say(f"{found} restarts counted", restarts=found)
-        row.check(found >= 1, "not counted")
-        ours.judge(row)
-        return row
+    def simulator_restarted(self) -> FaultCase:
+        """The simulator restarts from its initial state."""
+        case = self._case("simulator restarted", "a new history; constraint kept")
+        loop, before = self.loop, self.simulator.counts()["restarts"]
+        loop.run(self.steps // 2)
+        loop.restart()
+        loop.run(self.steps // 2)
+        self._check_restarts(case, before)
+        return case
 
-    def teleported(self) -> Row:
-        """B is put elsewhere; it is pulled in at no more than reference.pull_in_speed."""
-        speed = self.peer.scene.reference.pull_in_speed
-        row = self._row("body teleported by (100, 20, −10) mm", f"pulled in at ≤ {speed:g} m/s")
-        ours = self.exchange
-        ours.run(self.steps // 2)
-        ours.bodies.state[13:16] += _AWAY
-        ours.settle()
-        ours.run(_PULLED_IN)
-        row.say(f"offset changes by ≤ {ours.speed:.3f} m/s", pull_in_speed=ours.speed)
-        row.check(ours.speed <= 1.01 * speed, "pulled in too fast")
-        ours.settle()
-        ours.run(self.steps // 2)
-        ours.judge(row)
-        return row
+    def _check_restarts(self, case: FaultCase, before: int) -> None:
+        restarts = self.simulator.counts()["restarts"] - before
+        case.observe(f"restarts counted: {restarts}", restarts=restarts)
+        case.check(restarts >= 1, "not counted")
+        self.loop.check(case)
+
+    def teleported(self) -> FaultCase:
+        """Body B is displaced; it is pulled in with at most reference.pull_in_speed."""
+        speed = self.simulator.scene.reference.pull_in_speed
+        case = self._case("body teleported by (100, 20, −10) mm", f"pulled in at ≤ {speed:g} m/s")
+        loop = self.loop
+        loop.run(self.steps // 2)
+        loop.bodies.state[13:16] += _TELEPORT
+        loop.reset_worst()
+        loop.run(_PULL_IN)
+        case.observe(
+            f"offset changes by ≤ {loop.offset_rate:.3f} m/s", offset_rate=loop.offset_rate
+        )
+        case.check(loop.offset_rate <= 1.01 * speed, "pulled in too fast")
+        loop.reset_worst()
+        loop.run(self.steps // 2)
+        loop.check(case)
+        return case
 
 
-def late(peer: Peer, samples: int, steps: int) -> Row:
-    """Wrenches that act so many samples after theirs; the node is told, or not, by its scene."""
-    told = peer.scene.latency
-    how = {0: "not told", -1: "measured"}.get(told, "told")
-    expected = "constraint kept" if told else "diverges, and nothing that is not finite goes out"
-    row = Row(f"wrenches {samples} samples late, {how}", expected)
-    ours = Exchange(peer)
-    way: deque[Array] = deque([np.zeros(6)] * samples)
-    settled = steps // 4
+def late_wrenches(simulator: Simulator, samples: int, steps: int) -> FaultCase:
+    """Wrenches that act ``samples`` late; the scene's ``latency`` is set, measured or 0."""
+    latency = simulator.scene.latency
+    compensation = {0: "latency not set", -1: "latency measured"}.get(latency, "latency set")
+    expected = "constraint kept" if latency else "diverges, no wrench that is not finite"
+    case = FaultCase(f"wrenches {samples} samples late, {compensation}", expected)
+    loop = ClosedLoop(simulator)
+    in_transit: deque[Array] = deque([np.zeros(6)] * samples)
+    transient = steps // 4
     for k in range(steps):
-        if k == settled and told:
-            ours.settle()
-        ours.ask()
-        way.append(ours.wrench.copy())
-        ours.move(way.popleft())
-        if not np.isfinite(ours.bodies.state).all() or ours.offset > 1e3:
-            row.say(f"apart by more than 1 km after {k} samples")
+        if k == transient and latency:
+            loop.reset_worst()
+        loop.exchange()
+        in_transit.append(loop.wrench.copy())
+        loop.move(in_transit.popleft())
+        if not np.isfinite(loop.bodies.state).all() or loop.offset > 1e3:
+            case.observe(f"offset beyond 1 km after {k} samples")
             break
-    if told:
-        ours.judge(row)
+    if latency:
+        loop.check(case)
     else:
-        row.say(f"offset {ours.offset:.2g} m", offset=ours.offset)
-    return row
+        case.observe(f"offset {loop.offset:.2g} m", offset=loop.offset)
+    return case
 
 
-def misaligned(peer: Peer, steps: int) -> Row:
-    """A body that is far off at the start: bounded rates, and not one impulse."""
-    reference, limits = peer.scene.reference, peer.scene.limits
-    row = Row(
-        "30° and 50 mm off at the start",
+def misaligned(simulator: Simulator, steps: int) -> FaultCase:
+    """A large violation at the start: bounded correction rates and wrenches, no impulse."""
+    reference, limits = simulator.scene.reference, simulator.scene.limits
+    case = FaultCase(
+        "misaligned by 30° and 50 mm at the start",
         f"pulled in at ≤ {reference.pull_in_speed:g} m/s, wrench within its limits",
     )
-    ours = Exchange(peer)
-    ours.run(steps)
-    row.say(
-        f"offset changes by ≤ {ours.speed:.3f} m/s; force ≤ {ours.force:.4g} N of {limits.force:g},"
-        f" torque ≤ {ours.torque:.4g} N·m of {limits.torque:g}",
-        force=ours.force, torque=ours.torque, speed=ours.speed,
+    loop = ClosedLoop(simulator)
+    loop.run(steps)
+    case.observe(
+        f"offset changes by ≤ {loop.offset_rate:.3f} m/s; force ≤ {loop.force:.4g} N of "
+        f"{limits.force:g}, torque ≤ {loop.torque:.4g} N·m of {limits.torque:g}",
+        force=loop.force, torque=loop.torque, offset_rate=loop.offset_rate,
     )  # fmt: skip
-    row.check(ours.force <= limits.force * (1 + 1e-12), "beyond limits.force")
-    row.check(ours.torque <= limits.torque * (1 + 1e-12), "beyond limits.torque")
-    row.check(ours.speed <= 1.01 * reference.pull_in_speed, "pulled in too fast")
-    ours.settle()
-    ours.run(steps // 4)
-    ours.judge(row)
-    return row
+    case.check(loop.force <= limits.force * (1 + 1e-12), "beyond limits.force")
+    case.check(loop.torque <= limits.torque * (1 + 1e-12), "beyond limits.torque")
+    case.check(loop.offset_rate <= 1.01 * reference.pull_in_speed, "pulled in too fast")
+    loop.reset_worst()
+    loop.run(steps // 4)
+    loop.check(case)
+    return case

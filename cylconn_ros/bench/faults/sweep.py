@@ -1,7 +1,8 @@
-"""Late, lost, jittered: every scene of the library through a faulty way, in process.
+"""Faulty channel sweep: every library scene with late, lost or irregular samples, in process.
 
-The same run with the latency told, with it measured, and without: violation and energy from
-outside (bench/stability/criteria.py), the passivity account as it is published.
+Each fault is run with the latency set, measured and not set. Constraint violation and energy are
+evaluated from the bodies' motion (bench/stability/criteria.py), passivity from the published energy
+account.
 """
 
 from __future__ import annotations
@@ -17,35 +18,36 @@ import numpy as np
 from cylconn_ros.bench.common.settings import SceneLoader
 from cylconn_ros.bench.common.timing import Array
 from cylconn_ros.bench.stability import criteria
-from cylconn_ros.bench.stability.channel import Faults, opening
-from cylconn_ros.bench.stability.loop import Trace, closed, loads_of
-from cylconn_ros.bench.stability.scenes import lasting
-from cylconn_ros.bench.stability.solvers import Ours
+from cylconn_ros.bench.stability.channel import Faults, first_response
+from cylconn_ros.bench.stability.loop import Trace, closed_loop, initial_state, loads_of
+from cylconn_ros.bench.stability.scenes import with_duration
+from cylconn_ros.bench.stability.solvers import ConnectorSolver
 from cylconn_ros.core import layout, plant
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 
-TOLD, MEASURED, NOT_TOLD = "told", "measured", "not told"
+SET, MEASURED, NOT_SET = "set", "measured", "not set"
+"""How the parameter ``latency`` is given: the true one, -1, or 0."""
 LATE = (1, 2, 3, 4, 5)
-WITH = 2  # samples late, where something else is wrong as well
-WITH_CHANCE = 5  # and where that comes by chance
-_ONE_BY_ONE = {
+_COMBINED = 2  # samples late, together with another fault
+_COMBINED_RANDOM = 5  # the same with a random fault
+_SINGLE = {
     "10 % lost": Faults(drop=0.1),
     "30 % jitter": Faults(jitter=0.3),
-    "10 % twice": Faults(duplicate=0.1),
+    "10 % duplicated": Faults(duplicate=0.1),
     "10 % out of order": Faults(reorder=0.1),
     "clock paused": Faults(pause=True),
     "clock back 0.3 s": Faults(jump=True),
-    "plant anew": Faults(restart=True),
+    "plant restarted": Faults(restart=True),
     "teleported": Faults(teleport=True),
 }
-_STEPS = (120, 1000)  # of a run, at least and at most
-BOUND = 0.01  # of the energy exchanged, that the passivity account may gain
-MOST, LEFT = 1.0, 0.05  # of what the scene has, that energy may exceed at most, and at the end
-ROUNDING = 1e-4  # of what the scene has, that its account may be off
-OPENING = 20  # samples, in which what was not held is brought back
-SEEDS = (7, 1, 2, 3, 4)  # of faults that come by chance
-SETTLED = 2  # samples after the last at which a body is pulled in, until it rests
+_STEPS = (120, 1000)  # bounds of the length of a run
+PASSIVITY = 0.01  # allowed gain of the passivity balance, relative to the energy exchanged
+ENERGY, FINAL_ENERGY = 1.0, 0.05  # allowed excess of energy, at any time and at the end
+ROUNDING = 1e-4  # tolerance of the passivity balance; these three relative to the energy scale
+OPENING = 20  # samples until the motion before the first wrench is corrected
+SEEDS = (7, 1, 2, 3, 4)  # of random faults
+PULL_IN_END = 2  # samples after the last pull-in until the body rests
 _ACROSS = [*range(layout.VELOCITY + 1, layout.VELOCITY + 3),
            *range(layout.ANGULAR_VELOCITY + 1, layout.ANGULAR_VELOCITY + 3)]  # fmt: skip
 _CONSTRAINT = [*range(layout.FORCE + 1, layout.FORCE + 3),
@@ -53,8 +55,8 @@ _CONSTRAINT = [*range(layout.FORCE + 1, layout.FORCE + 3),
 
 
 @dataclass(frozen=True)
-class Fault:
-    """One row: what goes wrong, and with which latencies it is run."""
+class SweepCase:
+    """A fault, and the values of ``latency`` it is run with, by the way it is given."""
 
     name: str
     faults: Faults
@@ -63,16 +65,16 @@ class Fault:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one scene under one fault.
+    """Result of one scene with one fault.
 
     Attributes
     ----------
-        finite: everything that was answered and every state.
-        offset (m), angle (rad): worst violation where it counts.
-        energy, end: by how much energy exceeds that of the run without faults, at most and at the
-            end, over what the scene has (:attr:`Prompt.scale`).
-        passivity: the most by which the published balance exceeds 1 % of the energy exchanged and
-            the work of pulling in, over what the scene has.
+        finite: whether every output and every state is finite.
+        offset (m), angle (rad): worst violation in the evaluation windows.
+        energy, end: excess of energy over that of the run without faults, at most and at the end,
+            relative to :attr:`FaultFreeRun.scale`.
+        passivity: greatest excess of the published balance over 1 % of the energy exchanged and the
+            work of pull-ins, relative to the same.
     """
 
     finite: bool
@@ -86,136 +88,143 @@ class Outcome:
     def bounded(self) -> bool:
         """Whether constraint and energy stay bounded."""
         held = self.offset <= criteria.OFFSET and self.angle <= criteria.ANGLE
-        return self.finite and held and self.energy <= MOST and self.end <= LEFT
+        return self.finite and held and self.energy <= ENERGY and self.end <= FINAL_ENERGY
 
     @property
     def passive(self) -> bool:
-        """Whether the published account keeps its bound."""
+        """Whether the published passivity balance keeps its bound."""
         return self.passivity <= ROUNDING
 
 
-def rows() -> list[Fault]:
-    """Every fault, alone; and with late wrenches."""
-    alone = [Fault(name, faults, {TOLD: 0}) for name, faults in _ONE_BY_ONE.items()]
-    late = [Fault(f"{d} late", Faults(late=d), _latencies(d)) for d in LATE]
+def cases() -> list[SweepCase]:
+    """Every fault, alone and together with late wrenches."""
+    alone = [SweepCase(name, faults, {SET: 0}) for name, faults in _SINGLE.items()]
+    late = [SweepCase(f"{d} late", Faults(late=d), _latencies(d)) for d in LATE]
     both = [
-        Fault(f"{WITH} late, {name}", dataclasses.replace(faults, late=WITH), _latencies(WITH))
-        for name, faults in _ONE_BY_ONE.items()
-    ]
-    most = [
-        Fault(
-            f"{WITH_CHANCE} late, {name}",
-            dataclasses.replace(faults, late=WITH_CHANCE),
-            _latencies(WITH_CHANCE),
+        SweepCase(
+            f"{_COMBINED} late, {name}",
+            dataclasses.replace(faults, late=_COMBINED),
+            _latencies(_COMBINED),
         )
-        for name, faults in _ONE_BY_ONE.items()
-        if faults.by_chance
+        for name, faults in _SINGLE.items()
     ]
-    return [*late, *alone, *both, *most]
+    both_random = [
+        SweepCase(
+            f"{_COMBINED_RANDOM} late, {name}",
+            dataclasses.replace(faults, late=_COMBINED_RANDOM),
+            _latencies(_COMBINED_RANDOM),
+        )
+        for name, faults in _SINGLE.items()
+        if faults.is_random
+    ]
+    return [*late, *alone, *both, *both_random]
 
 
 def _latencies(late: int) -> dict[str, int]:
-    return {TOLD: late, MEASURED: -1, NOT_TOLD: 0}
+    return {SET: late, MEASURED: -1, NOT_SET: 0}
 
 
-class Watched(Ours):
-    """A connector whose published account is watched.
+class MonitoredConnector(ConnectorSolver):
+    """A connector whose published passivity balance is monitored.
 
     Args:
         late: samples by which its wrenches act late.
 
     Attributes
     ----------
-        exceeded: the most by which the balance has exceeded 1 % of the energy exchanged and the
-            work of pulling in, J.
-        finite: every answer.
+        exceeded: greatest excess of the balance over 1 % of the energy exchanged and the work of
+            pull-ins, J.
+        finite: whether every output was finite.
     """
 
     def __init__(self, scene: Scene, late: int = 0) -> None:
         super().__init__(scene)
         self.exceeded = 0.0
         self.finite = True
-        self._pulled, self._pulling = 0.0, 0
-        self._on_the_way: deque[Array] = deque([np.zeros(4)] * (late + 1))
+        self._pull_in_work, self._pull_in_samples = 0.0, 0
+        self._in_transit: deque[Array] = deque([np.zeros(4)] * (late + 1))
         self._last = self.out.copy()
 
     def receive(self, stamp: int, sample: Array) -> Array:
-        """As any, and look at the answer."""
-        answer = super().receive(stamp, sample)
-        self._pulled += self._pull()
+        """Process a sample and check the output."""
+        wrenches = super().receive(stamp, sample)
+        self._pull_in_work += self._last_pull_in_work()
         exchanged = float(self.out[layout.ENERGY_EXCHANGED])
-        beyond = float(self.out[layout.PASSIVITY_BALANCE]) - BOUND * exchanged - self._pulled
-        self.exceeded = max(self.exceeded, beyond)
+        excess = (
+            float(self.out[layout.PASSIVITY_BALANCE]) - PASSIVITY * exchanged - self._pull_in_work
+        )
+        self.exceeded = max(self.exceeded, excess)
         self.finite &= bool(np.isfinite(self.out).all())
-        return answer
+        return wrenches
 
-    def _pull(self) -> float:
-        """Work of the constraint since the last sample, while it says that it pulls in, J."""
-        out, acted = self.out, self._on_the_way.popleft()
-        self._on_the_way.append(out[_CONSTRAINT])
+    def _last_pull_in_work(self) -> float:
+        """Work of the constraint since the last sample if the output reports a pull-in, J."""
+        out, acting = self.out, self._in_transit.popleft()
+        self._in_transit.append(out[_CONSTRAINT])
         moved = 0.5 * self.scene.period * (out[_ACROSS] + self._last[_ACROSS])
         self._last = out.copy()
         if int(out[layout.FLAGS]) & layout.MISALIGNED:
-            self._pulling = len(self._on_the_way) + SETTLED
-        self._pulling -= 1
-        return float(acted @ moved) if self._pulling >= 0 else 0.0
+            self._pull_in_samples = len(self._in_transit) + PULL_IN_END
+        self._pull_in_samples -= 1
+        return float(acting @ moved) if self._pull_in_samples >= 0 else 0.0
 
 
-class Prompt:
-    """A scene's run without faults: what others are compared with.
+class FaultFreeRun:
+    """Run of a scene without faults, the reference of the others.
 
     Attributes
     ----------
         energy: sample by sample, J.
-        scale: what the scene has: what its energy turns over, what the joint exchanges, and the
-            greatest kinetic energy, J.
+        scale: energy scale, J: range of the energy, energy exchanged by the joint, and greatest
+            kinetic energy, summed.
     """
 
     def __init__(self, scene: Scene) -> None:
         steps = min(max(round(1.0 / scene.period), _STEPS[0]), _STEPS[1])
-        self.scene = lasting(scene, steps * scene.period)
+        self.scene = with_duration(scene, steps * scene.period)
         self._par = pack(scene, plant=True)
-        servant = Watched(self.scene)
-        states = closed(self.scene, servant).states
+        solver = MonitoredConnector(self.scene)
+        states = closed_loop(self.scene, solver).states
         self.energy = self.energies(states)
-        exchanged = float(servant.out[layout.ENERGY_EXCHANGED])
+        exchanged = float(solver.out[layout.ENERGY_EXCHANGED])
         kinetic, _ = criteria.energies(self.scene, states)
         self.scale = float(np.ptp(self.energy)) + exchanged + float(kinetic.max())
-        self._begun: dict[int, tuple[float, float]] = {}
+        self._late_start: dict[int, tuple[float, float]] = {}
 
     def energies(self, states: Array) -> Array:
         """Kinetic and gravitational energy of (N, 26) states, J."""
         with np.errstate(all="ignore"):
             return np.array([plant.energy(self._par, state) for state in states])
 
-    def begun(self, late: int) -> tuple[float, float]:
-        """Energy at most and at the end where only the first wrench comes ``late``, J.
+    def late_start_energy(self, late: int) -> tuple[float, float]:
+        """Greatest and final energy if only the first ``late`` wrenches are missing, J.
 
-        What is not held at first goes on with what it has taken up: nothing that a wrench can do
-        brings it back sooner than friction does.
+        The bodies keep the energy that they take up before the first wrench until friction
+        dissipates it; no wrench of the joint can remove it sooner.
         """
-        if late in self._begun:
-            return self._begun[late]
-        servant = Watched(self.scene)
+        if late in self._late_start:
+            return self._late_start[late]
+        solver = MonitoredConnector(self.scene)
         wrench: Array = np.zeros(12)
         sample, energy = np.zeros(layout.NSAMPLE), self.energy.copy()
         state = sample[layout.MOTION]
-        state[:], sample[layout.LOADS] = _start(self.scene), loads_of(self.scene)
+        state[:], sample[layout.LOADS] = initial_state(self.scene), loads_of(self.scene)
         for k in range(len(energy)):
             energy[k] = plant.energy(self._par, state)
             if k >= late:
-                wrench = servant.answer(sample)
+                wrench = solver.step(sample)
             self._move(state, wrench)
         most = float(self.energy.max())
-        self._begun[late] = max(most, float(energy.max())), max(most, float(energy[-1]))
-        return self._begun[late]
+        self._late_start[late] = max(most, float(energy.max())), max(most, float(energy[-1]))
+        return self._late_start[late]
 
-    def unheld(self, late: int, held: int) -> float:
-        """Energy that the bodies take up while no wrench acts, and in being brought back, J.
+    def free_motion_energy(self, late: int, held: int) -> float:
+        """Energy that the bodies take up while no wrench acts and in the correction after it, J.
 
-        Their fall in ``late`` periods is brought back by a wrench for one that acts for ``held``.
+        A wrench that is computed for one period and acts for ``held`` corrects the motion of
+        ``late`` periods.
         """
-        state = _start(self.scene)
+        state = initial_state(self.scene)
         first, begin = state.copy(), plant.energy(self._par, state)
         for _ in range(late):
             self._move(state, np.zeros(12))
@@ -231,66 +240,58 @@ class Prompt:
         plant.step(self._par, state, wrench[:6], wrench[6:], loads, h)
 
 
-def _start(scene: Scene) -> Array:
-    return np.array(
-        [
-            *scene.initial_pose(0),
-            *scene.initial_twist(0),
-            *scene.initial_pose(1),
-            *scene.initial_twist(1),
-        ]
-    )
-
-
-def outcome(prompt: Prompt, faults: Faults, latency: int) -> Outcome:
-    """Run a scene through a faulty way and look at it from outside."""
-    scene = dataclasses.replace(prompt.scene, latency=latency)
-    servant = Watched(scene, faults.late)
+def run_case(reference: FaultFreeRun, faults: Faults, latency: int) -> Outcome:
+    """Run a scene over a faulty channel and evaluate its motion; latency as the parameter."""
+    scene = dataclasses.replace(reference.scene, latency=latency)
+    solver = MonitoredConnector(scene, faults.late)
     with np.errstate(all="ignore"):
-        trace = closed(scene, servant, faults)
-        if trace.lost or not servant.finite or not np.isfinite(trace.states).all():
+        trace = closed_loop(scene, solver, faults)
+        if trace.diverged or not solver.finite or not np.isfinite(trace.states).all():
             return Outcome(False)
-        return _judged(prompt, trace, servant, faults)
+        return _evaluate(reference, trace, solver, faults)
 
 
-def _judged(prompt: Prompt, trace: Trace, servant: Watched, faults: Faults) -> Outcome:
-    scene = prompt.scene
-    offset, angle = criteria.errors(scene, criteria.look(scene, trace.states))
-    counts, stretches = criteria.settled(scene, trace, offset, angle)
-    first, held = opening(faults, OPENING)
-    energy, fall = prompt.energies(trace.states), prompt.unheld(first, held)
-    most, end = prompt.begun(first)
-    scale = max(prompt.scale + fall, 1e-9)
-    excess, put = -math.inf, 0.0
-    for first, last in stretches:  # what somebody else has put in is nobody's gain here
-        put = max(float(energy[first] - prompt.energy[0]), 0.0) if first else 0.0
-        excess = max(excess, float(energy[first:last].max()) - most - put)
+def _evaluate(
+    reference: FaultFreeRun, trace: Trace, solver: MonitoredConnector, faults: Faults
+) -> Outcome:
+    scene = reference.scene
+    offset, angle = criteria.errors(scene, criteria.joint_motion(scene, trace.states))
+    counts, windows = criteria.evaluation_windows(scene, trace, offset, angle)
+    first, held = first_response(faults, OPENING)
+    energy = reference.energies(trace.states)
+    taken_up = reference.free_motion_energy(first, held)
+    most, end = reference.late_start_energy(first)
+    scale = max(reference.scale + taken_up, 1e-9)
+    excess, added = -math.inf, 0.0
+    for first, last in windows:  # a restart or teleport adds energy that the joint does not gain
+        added = max(float(energy[first] - reference.energy[0]), 0.0) if first else 0.0
+        excess = max(excess, float(energy[first:last].max()) - most - added)
     return Outcome(
         True,
         float(offset[counts].max(initial=0.0)),
         float(angle[counts].max(initial=0.0)),
         excess / scale,
-        (float(energy[-1]) - end - put) / scale,
-        (servant.exceeded - fall * len(trace.begins)) / scale,
+        (float(energy[-1]) - end - added) / scale,
+        (solver.exceeded - taken_up * len(trace.starts)) / scale,
     )
 
 
 Progress = Callable[[int, int], object]
 Cell = tuple[str, str, str, int]
-"""Name of a fault, of a scene, how the latency was known, and the seed."""
+"""Names of the fault and the scene, how the latency is given (SET, ...), and the seed."""
 
 
 def run(
-    names: list[str], faults: list[Fault], load: SceneLoader, progress: Progress
+    names: list[str], faults: list[SweepCase], load: SceneLoader, progress: Progress
 ) -> Iterator[tuple[Cell, Outcome]]:
-    """Faults on scenes, answered by what ``auto`` picks where inertia is known."""
+    """Run all faults on the named scenes, with the method that ``auto`` selects."""
     for done, name in enumerate(names):
-        prompt = Prompt(dataclasses.replace(load(name), method="auto", tolerance=0.0))
-        for row in faults:
-            for seed in SEEDS if row.faults.by_chance else SEEDS[:1]:
-                faults_now = dataclasses.replace(row.faults, seed=seed)
-                for told, latency in row.latencies.items():
-                    if told == NOT_TOLD and seed != SEEDS[0]:
-                        continue  # it diverges whatever the chance
-                    yield (row.name, name, told, seed), outcome(prompt, faults_now, latency)
+        reference = FaultFreeRun(dataclasses.replace(load(name), method="auto", tolerance=0.0))
+        for case in faults:
+            for seed in SEEDS if case.faults.is_random else SEEDS[:1]:
+                faults_now = dataclasses.replace(case.faults, seed=seed)
+                for given, latency in case.latencies.items():
+                    if given == NOT_SET and seed != SEEDS[0]:
+                        continue  # diverges with every seed
+                    yield (case.name, name, given, seed), run_case(reference, faults_now, latency)
         progress(done + 1, len(names))

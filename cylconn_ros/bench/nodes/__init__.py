@@ -1,1 +1,1 @@
-"""Benchmarks of nodes: processes that send samples and nodes that answer them."""
+"""Benchmarks of nodes: processes that send samples and nodes that process them."""

@@ -1,20 +1,21 @@
-"""Many connectors in one process: what a sample costs with 1, 10 and 100 of them, and what holds.
+"""Benchmark of many connectors in one process: cost of a sample with 1, 10 and 100 of them.
 
-A process serves N connectors, each with topics of its own, and another (bench/nodes/many_clients.py) sends
-their samples in time. Once with the rate of each connector the same, so that N times as many
-samples come; once with as many samples in all, from N connectors, so that what a sample costs more
-is due to their number alone. Then how much two cores hold, who asks included.
+One process serves N connectors, each with its own topics, and a load generator
+(bench/nodes/many_connectors_load.py) sends their samples on schedule. In the first case the rate of
+each connector is the same, so N times as many samples arrive. In the second case the total rate is
+the same, so a higher cost of a sample is due to the number of connectors alone. The last case is
+the capacity of two cores, including the load generator.
 
-CPU time is that of the whole serving process, middleware and diagnostics with it. A sample is lost
-where a wrench that answers it has not come 2 s after the last was sent.
+CPU time is that of the whole serving process, including the middleware and diagnostics. A sample is
+lost if its wrenches have not arrived 2 s after the last sample was sent.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,104 +23,104 @@ import numpy as np
 
 from cylconn_ros.bench.common.results import Findings, Measurement, Target
 from cylconn_ros.bench.common.settings import Settings
-from cylconn_ros.bench.common.timing import Spread
-from cylconn_ros.bench.nodes.measure import SCENE, process
+from cylconn_ros.bench.common.timing import Spread, run_interleaved
+from cylconn_ros.bench.nodes.measure import SCENE, Turn, request_while_running
+from cylconn_ros.process.child import Child, module_command, node_command
 from cylconn_ros.scene.parameter_file import dump_several
 from cylconn_ros.scene.scene import several
 
-_DELAY, _TAIL, _CPU, _ASKING = "delay", "99 % within", "CPU time a sample", "CPU time who asks"
+_DELAY, _TAIL, _CPU = "delay", "99 % within", "CPU time a sample"
+_CLIENT_CPU = "CPU time of the load generator"
 _LOST = "lost"
 _NUMBERS = (1, 10, 100)
-_RATE, _ALL = 100.0, 1000.0  # samples a second: of each connector, of all together
-_TIMEOUT = 1.0  # s; some are asked every 0.1 s, which is what it is by default
-_SAME, _SHARED = f"{_RATE:g} samples/s each", f"{_ALL:g} samples/s in all"
-_FIXED, _FREE = ("body_b",), ("body_a", "body_b")  # who moves
+_RATE, _TOTAL_RATE = 100.0, 1000.0  # samples/s: of each connector, of all together
+_TIMEOUT = 1.0  # s; the slowest schedule sends every 0.1 s, which is the parameter's default
+_SAME, _SHARED = f"{_RATE:g} samples/s each", f"{_TOTAL_RATE:g} samples/s in total"
+_CAPACITY = "capacity of two cores, load generator included"
+_FIXED, _FREE = ("body_b",), ("body_a", "body_b")  # the moving bodies
 
-Block = dict[str, Any]
 
-
-class Load(NamedTuple):
-    """What is to hold: N connectors at a rate each, with these bodies moving."""
+class Capacity(NamedTuple):
+    """A load that two cores have to sustain: N connectors at a rate (1/s), with moving bodies."""
 
     number: int
     rate: float
     moving: tuple[str, ...]
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """One line."""
         bodies = "A fixed" if self.moving == _FIXED else "both bodies free"
         return f"{self.number} at {self.rate:g} Hz, {bodies}"
 
 
-_LOADS = [Load(n, r, m) for n, r in ((100, 100.0), (10, 1000.0)) for m in (_FIXED, _FREE)]
+_CAPACITIES = [Capacity(n, r, m) for n, r in ((100, 100.0), (10, 1000.0)) for m in (_FIXED, _FREE)]
 
 
 def measure(settings: Settings, environment: Mapping[str, str]) -> Findings:
-    """Start everything in ``environment`` (ROS: a domain of its own), ask in turns, sum up.
+    """Start all processes in ``environment`` (a ROS domain of its own) and measure them in turns.
 
-    Raises RuntimeError where a process ends too early.
+    Raises ProcessError if a process ends early.
     """
     rounds, seconds = (2, 0.5) if settings.quick else (5, 3.0)
     found = Findings()
-    with _asking(environment, _FIXED, _NUMBERS) as ask:
-        for problem, whole in ((_SAME, 0.0), (_SHARED, _ALL)):
-            blocks: dict[int, list[Block]] = {n: [] for n in _NUMBERS}
-            for k in range(rounds + 1):
-                for n in _NUMBERS:
-                    rate = whole / n if whole else _RATE
-                    samples = max(2, round(seconds * rate))
-                    block = ask(n, rate, samples)
-                    blocks[n] += [block] if k else []  # the first round is for meeting
-            found.measurements += _measurements(problem, blocks)
-            found.targets += _growth(problem, blocks)
-    held: dict[str, list[Block]] = {}
+    with _processes(environment, _FIXED, _NUMBERS) as request:
+        for case, total in ((_SAME, 0.0), (_SHARED, _TOTAL_RATE)):
+            turns = {}
+            for n in _NUMBERS:
+                rate = total / n if total else _RATE
+                turns[n] = partial(request, n, rate, max(2, round(seconds * rate)))
+            run_interleaved(turns, 1)  # discovery and warm-up
+            results = run_interleaved(turns, rounds)
+            names = {f"{n} connector{'s' if n != 1 else ''}": results[n] for n in _NUMBERS}
+            found.measurements += _measurements(case, names)
+            found.targets += _growth(case, results)
+    sustained: dict[str, list[Turn]] = {}
     for moving in (_FIXED, _FREE):
-        with _asking(environment, moving, sorted({load.number for load in _LOADS})) as ask:
-            for load in (load for load in _LOADS if load.moving == moving):
-                ask(load.number, 20.0, 10)
-                held[load.words] = [
-                    ask(load.number, load.rate, round(2.0 * seconds * load.rate))
-                    for _ in range(rounds)
-                ]
-    found.measurements += _measurements("what holds on two cores, with who asks", held)
-    found.targets += [_nothing_lost(words, blocks) for words, blocks in held.items()]
+        loads = [load for load in _CAPACITIES if load.moving == moving]
+        with _processes(environment, moving, sorted({load.number for load in loads})) as request:
+            for load in loads:
+                request(load.number, 20.0, 10)
+            sustained |= run_interleaved(
+                {
+                    load.description: partial(
+                        request, load.number, load.rate, round(2.0 * seconds * load.rate)
+                    )
+                    for load in loads
+                },
+                rounds,
+            )
+    found.measurements += _measurements(_CAPACITY, sustained)
+    found.targets += [_nothing_lost(name, turns) for name, turns in sustained.items()]
     return found
 
 
-Ask = Callable[[int, float, int], Block]
+Request = Callable[[int, float, int], Turn]
+"""Sends samples to each of N connectors at a rate (1/s)."""
 
 
 @contextlib.contextmanager
-def _asking(
+def _processes(
     environment: Mapping[str, str], moving: tuple[str, ...], numbers: Sequence[int]
-) -> Iterator[Ask]:
-    """A process for each number of connectors and who asks; asks one of them."""
+) -> Iterator[Request]:
+    """A serving process for each number of connectors, and the load generator."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         serving = {}
         for n in numbers:
             scene = folder / f"{n}.yaml"
             scene.write_text(_scenes(n, moving), encoding="utf-8")
-            command = ["cylconn_ros.ros.connector.node", "--ros-args", "-r", f"__node:=of_{n}"]
-            command += ["--params-file", str(scene)]
-            serving[n] = stack.enter_context(process(f"of_{n}", command, folder, environment))
-        crowd = ["cylconn_ros.bench.nodes.many_clients"]
-        asking = stack.enter_context(process("crowd", crowd, folder, environment, talks=True))
+            command = node_command("connector", scene, "-r", f"__node:=of_{n}")
+            child = Child(f"the node of {n} connectors", command, environment, folder=folder)
+            serving[n] = stack.enter_context(child)
+        command = module_command("cylconn_ros.bench.nodes.many_connectors_load")
+        load = stack.enter_context(Child("load generator", command, environment, json_lines=True))
 
-        def ask(n: int, rate: float, samples: int) -> Block:
-            assert asking.stdin is not None
-            assert asking.stdout is not None
-            task = {"names": _names(n), "moving": moving, "pid": serving[n].pid}
-            asking.stdin.write(json.dumps({**task, "rate": rate, "samples": samples}) + "\n")
-            asking.stdin.flush()
-            line = asking.stdout.readline()
-            ended = [name for name, one in serving.items() if one.poll() is not None]
-            if ended or not line:
-                raise RuntimeError(f"{f'the node of {ended[0]}' if ended else 'crowd'} ended early")
-            return dict(json.loads(line))
+        def request(n: int, rate: float, samples: int) -> Turn:
+            task = {"names": _names(n), "moving": moving, "pid": serving[n].pid, "rate": rate}
+            return request_while_running(load, {**task, "samples": samples}, serving.values())
 
-        yield ask
+        yield request
 
 
 def _names(n: int) -> list[str]:
@@ -127,44 +128,43 @@ def _names(n: int) -> list[str]:
 
 
 def _scenes(n: int, moving: tuple[str, ...]) -> str:
-    """A parameter file of N connectors, alike."""
+    """Parameter file of N equal connectors."""
     scene: dict[str, Any] = {"connectors": _names(n), "timeout": _TIMEOUT, **SCENE}
     if moving == _FIXED:
         scene["body_a"] = {"kind": "fixed"}
     return dump_several(several(scene))
 
 
-def _values(blocks: list[Block], quantity: str) -> np.ndarray:
-    def value(block: Block) -> float:
+def _values(turns: Sequence[Turn], quantity: str) -> np.ndarray:
+    def value(turn: Turn) -> float:
         if quantity in (_DELAY, _TAIL):
-            return float(block["delays"][quantity == _TAIL]) if block["delays"] else float("nan")
+            return float(turn["delays"][quantity == _TAIL]) if turn["delays"] else float("nan")
         if quantity == _LOST:
-            return float(block["sent"] - block["answered"])
-        return float(block["cpu" if quantity == _CPU else "own_cpu"])
+            return float(turn["sent"] - turn["received"])
+        return float(turn["cpu" if quantity == _CPU else "own_cpu"])
 
-    return np.array([value(block) for block in blocks])
+    return np.array([value(turn) for turn in turns])
 
 
-def _growth(problem: str, blocks: Mapping[int, list[Block]]) -> Iterator[Target]:
-    """What a sample costs of N connectors to what it costs of one, within a round."""
+def _growth(case: str, results: Mapping[int, Sequence[Turn]]) -> Iterator[Target]:
+    """Cost of a sample with N connectors relative to one, within a round."""
     for n in _NUMBERS[1:]:
-        ratio = float(np.median(_values(blocks[n], _CPU) / _values(blocks[1], _CPU)))
-        yield Target(f"{problem}: {_CPU}, {n} connectors to 1", ratio, 1.0, "1")
+        ratio = float(np.median(_values(results[n], _CPU) / _values(results[1], _CPU)))
+        yield Target(f"{case}: {_CPU}, {n} connectors to 1", ratio, 1.0, "1")
 
 
-def _nothing_lost(words: str, blocks: list[Block]) -> Target:
-    sent = sum(block["sent"] for block in blocks)
-    cores = float(np.median([block["cpu"] * block["rate"] for block in blocks]))
-    asking = float(np.median([block["own_cpu"] * block["rate"] for block in blocks]))
-    note = f"of {sent} samples; {cores:.2f} cores serve, {asking:.2f} ask"
-    return Target(f"{words}: {_LOST}", float(_values(blocks, _LOST).sum()), 0.0, "", note)
+def _nothing_lost(name: str, turns: Sequence[Turn]) -> Target:
+    sent = sum(turn["sent"] for turn in turns)
+    cores = float(np.median([turn["cpu"] * turn["rate"] for turn in turns]))
+    client = float(np.median([turn["own_cpu"] * turn["rate"] for turn in turns]))
+    note = f"of {sent} samples; node {cores:.2f} cores, load generator {client:.2f}"
+    return Target(f"{name}: {_LOST}", float(_values(turns, _LOST).sum()), 0.0, "", note)
 
 
-def _measurements(problem: str, blocks: Mapping[Any, list[Block]]) -> Iterator[Measurement]:
-    for who, found in blocks.items():
-        contestant = f"{who} connector{'s' if who != 1 else ''}" if isinstance(who, int) else who
-        for quantity in (_DELAY, _TAIL, _CPU, _ASKING):
-            spread = Spread.of(_values(found, quantity))
-            yield Measurement.of(problem, contestant, quantity, spread, "µs", scale=1e6)
-        lost = float(_values(found, _LOST).sum())
-        yield Measurement(problem, contestant, _LOST, lost, "", count=len(found))
+def _measurements(case: str, results: Mapping[str, Sequence[Turn]]) -> Iterator[Measurement]:
+    for name, turns in results.items():
+        for quantity in (_DELAY, _TAIL, _CPU, _CLIENT_CPU):
+            spread = Spread.of(_values(turns, quantity))
+            yield Measurement.of(case, name, quantity, spread, "µs", scale=1e6)
+        lost = float(_values(turns, _LOST).sum())
+        yield Measurement(case, name, _LOST, lost, "", count=len(turns))

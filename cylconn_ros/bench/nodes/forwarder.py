@@ -1,8 +1,8 @@
-"""The least a node of this kind does, on the same loop as ours: take four, publish three.
+"""Baseline of the node benchmark: a node that forwards bytes on the connector's executor.
 
-``python -m cylconn_ros.bench.nodes.forwarder --ros-args -r __ns:=/bare``. Compiled as ours is, but
-nothing is looked at beyond the bytes of the stamp and nothing is computed; what is published has
-the size of a real answer.
+``python -m cylconn_ros.bench.nodes.forwarder --ros-args -r __ns:=/forwarder`` takes four messages
+and publishes three for each sample. It is compiled like the connector node, but reads only the
+bytes of the stamp and computes nothing. Its outputs have the size of the connector's.
 """
 
 from __future__ import annotations
@@ -19,69 +19,69 @@ import rclpy
 from cylconn_ros.bench.nodes.topics import INPUTS, OUTPUTS
 from cylconn_ros.core import layout
 from cylconn_ros.core.jit import call, kernel
-from cylconn_ros.messages import pipeline as messages
+from cylconn_ros.messages import pipeline
 from cylconn_ros.messages.cdr_encoder import StampedWriter, StateWriter
-from cylconn_ros.messages.templates import STAMP, Laid
+from cylconn_ros.messages.templates import STAMP, TemplateBuffer
 from cylconn_ros.ros import qos, run_node
 from cylconn_ros.ros.executor import rcl
-from cylconn_ros.ros.executor.executor import Entry, Inputs, Loop
+from cylconn_ros.ros.executor.executor import InputGroup, InputSubscription, SampleExecutor
 from cylconn_ros.ros.message_types import message_class
+from cylconn_ros.scene.inputs import WRENCH
 
 _STAMP_SIZE: Final = 8
 
 
 @kernel
 def _forward(
-    taken: Any, addresses: Any, subscriptions: Any, boxes: Any, inbox: Any, publishers: Any,
-    bodies: Any, outbox: Any,
+    taken: Any, addresses: Any, subscriptions: Any, memory: Any, receive: Any, publishers: Any,
+    bodies: Any, send: Any,
 ) -> int:  # fmt: skip
-    """Take a message of each, publish one on each; the samples that were answered.
+    """Take a message of each subscription, publish one on each publisher; return the samples.
 
-    ``taken``: (1,) how many of them have been taken for the sample under way.
+    ``taken``: (1,) number of messages taken for the sample in progress. ``memory``, ``receive``:
+    the receive buffers. ``bodies``, ``send``: addresses of the outputs and their send buffers.
     """
-    count, last, answered = len(subscriptions), len(subscriptions) - 1, 0
+    count, last, forwarded = len(subscriptions), len(subscriptions) - 1, 0
     while count:
         for k in range(taken[0], count):
-            if call(addresses[rcl.TAKE], subscriptions[k], inbox[k], addresses[rcl.INFO], 0) != 0:
-                return answered
+            if call(addresses[rcl.TAKE], subscriptions[k], receive[k], addresses[rcl.INFO], 0) != 0:
+                return forwarded
             taken[0] = k + 1
         taken[0] = 0
-        stamp = boxes[rcl.MESSAGE * last + rcl.BYTES] + STAMP
+        stamp = memory[rcl.MESSAGE * last + rcl.BYTES] + STAMP
         for k in range(len(publishers)):
             call(addresses[rcl.COPY], bodies[k] + STAMP, stamp, _STAMP_SIZE, 0)
-            call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0)
-        answered += 1
-    return answered
+            call(addresses[rcl.PUBLISH], publishers[k], send[k], 0, 0)
+        forwarded += 1
+    return forwarded
 
 
 class _Forwarder:
-    """Hold what :func:`_forward` works on."""
+    """Own the memory and the arguments of :func:`_forward`."""
 
     def __init__(self, subscriptions: list[Any], publishers: list[Any]) -> None:
-        blank = {
-            messages.WRENCH: StampedWriter("body_b").write(0, np.zeros(6)),
-            messages.STATE: StateWriter("body_a", "impulse").write(0, np.zeros(layout.NOUT)),
+        templates = {
+            WRENCH: StampedWriter("body_b").write(0, np.zeros(6)),
+            pipeline.STATE: StateWriter("body_a", "impulse").write(0, np.zeros(layout.NOUT)),
         }
-        self._memory, self._inbox = rcl.Memory(), rcl.Inbox(len(subscriptions))
-        self._laid = Laid([blank[kind] for kind in OUTPUTS.values()])
-        self._outbox = rcl.Outbox(self._laid.addresses, self._laid.sizes.tolist())
-        addresses = [one.handle.pointer for one in subscriptions]
-        whole = np.int64
+        self._table, self._receive = rcl.CallTable(), rcl.ReceiveBuffers(len(subscriptions))
+        self._laid = TemplateBuffer([templates[kind] for kind in OUTPUTS.values()])
+        self._send = rcl.SendBuffers(self._laid.addresses, self._laid.sizes.tolist())
         self._arguments = (
-            np.zeros(1, whole),
-            self._memory.addresses,
-            np.array(addresses),
-            self._inbox.memory,
-            self._inbox.addresses,
+            np.zeros(1, np.int64),
+            self._table.addresses,
+            np.array([one.handle.pointer for one in subscriptions]),
+            self._receive.memory,
+            self._receive.addresses,
             np.array([one.handle.pointer for one in publishers]),
             np.array(self._laid.addresses),
-            self._outbox.addresses,
+            self._send.addresses,
         )
-        taken, first, _, *rest = self._arguments
-        _forward(taken, first, np.zeros(0, whole), *rest)  # compiled now
+        taken, table, _, *rest = self._arguments
+        _forward(taken, table, np.zeros(0, np.int64), *rest)  # compiles
 
-    def take(self, _caught: Callable[[Exception], object]) -> int | None:
-        """Forward all that has come."""
+    def take(self, _on_error: Callable[[Exception], object]) -> int | None:
+        """Forward all queued messages; return the index of the last input if there were any."""
         return len(INPUTS) - 1 if _forward(*self._arguments) else None
 
 
@@ -97,15 +97,17 @@ def main() -> int:
         node.create_subscription(message_class(kind), name, lambda _: None, qos.samples(), raw=True)
         for name, kind in INPUTS.items()
     ]
-    entries = [Entry(one, lambda _: False) for one in subscriptions]
+    entries = [InputSubscription(one, lambda _: False) for one in subscriptions]
     forwarder = _Forwarder(subscriptions, publishers)
-    loop = Loop(node, threading.Lock(), lambda error: print(error, file=sys.stderr, flush=True))
-    loop.open([Inputs(entries, forwarder.take)])
+    executor = SampleExecutor(
+        node, threading.Lock(), lambda error: print(error, file=sys.stderr, flush=True)
+    )
+    executor.open([InputGroup(entries, forwarder.take)])
     try:
         while True:
             time.sleep(1.0)
     except KeyboardInterrupt:
-        loop.close()
+        executor.close()
         rclpy.try_shutdown()
     return run_node.OK
 

@@ -1,20 +1,18 @@
-"""What a sample costs as a node: ours, recording or not, beside a usual one and the least.
+"""Node benchmark: cost of a sample in the connector node, with and without recording.
 
-All contestants run at once, as processes that talk ROS 2, and one driver (bench/nodes/driver.py) asks
-them in turns, so that a slow moment of the machine meets all of them. Ratios are formed within a
-round. Delays are from the last message of a sample being sent to the last of three answers being
-taken, with all that the driver itself costs; CPU time is that of the contestant's whole process.
+Baselines are the same node written with rclpy's message objects and callbacks, and a node that
+only forwards bytes. All nodes run at once as processes, and one load generator
+(bench/nodes/load_generator.py) sends samples to them in turns. Ratios are formed within a round.
+A delay is the time from sending the last message of a sample to taking the last of its three
+outputs, including the cost of the load generator. CPU time is that of the node's whole process.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
-import signal
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +20,15 @@ import numpy as np
 
 from cylconn_ros.bench.common.results import Findings, Measurement, Target
 from cylconn_ros.bench.common.settings import Settings
-from cylconn_ros.bench.common.timing import Spread
+from cylconn_ros.bench.common.timing import Spread, run_interleaved
+from cylconn_ros.errors import ProcessError
+from cylconn_ros.process.child import Child, module_command, node_command
 from cylconn_ros.scene.parameter_file import dump
 from cylconn_ros.scene.scene import Scene
 
-OURS, RECORDING, PLAIN, BARE = "connector", "connector, recording", "plain node", "bare forwarder"
-_NAMES = {OURS: "ours", RECORDING: "recording", PLAIN: "plain", BARE: "bare"}  # spaces of topics
+CONNECTOR, RECORDING = "connector", "connector, recording"
+RCLPY, FORWARDER = "plain node", "bare forwarder"
+_NAMESPACES = {CONNECTOR: "ours", RECORDING: "recording", RCLPY: "rclpy", FORWARDER: "forwarder"}
 _DELAY, _TAIL, _CPU, _RATE, _LOST = "delay", "99 % within", "CPU time a step", "steps/s", "lost"
 _RATES = {"at 500 samples/s": 500.0, "closed loop": 0.0, "at 2000 samples/s": 2000.0}
 _SLOW, _CLOSED, _FAST = _RATES
@@ -38,169 +39,136 @@ SCENE = {
     "friction": {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 5.0},
 }
 
-Rounds = list[dict[str, Any]]
+Turn = dict[str, Any]
+"""Measurement of the load generator."""
+Request = Callable[[str, float, int], Turn]
+"""Sends a number of samples to a node at a rate (1/s; 0: closed loop)."""
 
 
 def measure(settings: Settings, environment: Mapping[str, str]) -> Findings:
-    """Start everything in ``environment`` (ROS: a domain of its own), ask in turns, sum up.
+    """Start all nodes in ``environment`` (a ROS domain of its own) and measure them in turns.
 
-    Raises RuntimeError where a process ends too early.
+    Raises ProcessError if a process ends early.
     """
     rounds, samples = (2, 200) if settings.quick else (40, 300)
-    found: dict[tuple[str, str], Rounds] = {(p, c): [] for p in _RATES for c in _NAMES}
-    with tempfile.TemporaryDirectory() as name, _processes(Path(name), environment) as ask:
-        for contestant in _NAMES:  # they meet, and compile where it is the first time
-            ask(contestant, 200.0, 50)
-        for k in range(rounds):
-            for problem, rate in _RATES.items():
-                for j in range(len(_NAMES)):
-                    contestant = list(_NAMES)[(j + k) % len(_NAMES)]
-                    found[problem, contestant].append(ask(contestant, rate, samples))
+    with tempfile.TemporaryDirectory() as name, _processes(Path(name), environment) as request:
+        for node in _NAMESPACES:  # discovery, and compilation if the cache is empty
+            request(node, 200.0, 50)
+        turns = {
+            (case, node): partial(request, node, rate, samples)
+            for case, rate in _RATES.items()
+            for node in _NAMESPACES
+        }
+        found = run_interleaved(turns, rounds)
     return Findings(targets=_targets(found), measurements=list(_measurements(found)))
 
 
 def _commands(folder: Path) -> dict[str, list[str]]:
-    """The module of each contestant and its arguments."""
+    """The command of each node."""
     scene = folder / "scene.yaml"
     scene.write_text(dump(Scene.from_parameters(SCENE)), encoding="utf-8")
-    ros = {name: ["-r", f"__ns:=/{space}"] for name, space in _NAMES.items()}
-    connector = ["cylconn_ros.ros.connector.node", "--ros-args", "--params-file", str(scene)]
-    record = ["-p", "record.enabled:=true", "-p", f"record.directory:={folder / 'runs'}"]
-    bench = "cylconn_ros.bench.nodes"
+    ros = {name: ("-r", f"__ns:=/{space}") for name, space in _NAMESPACES.items()}
+    record = ("-p", "record.enabled:=true", "-p", f"record.directory:={folder / 'runs'}")
+    here = "cylconn_ros.bench.nodes"
     return {
-        OURS: [*connector, *ros[OURS]],
-        RECORDING: [*connector, *ros[RECORDING], *record],
-        PLAIN: [f"{bench}.plain_node", str(scene), "--ros-args", *ros[PLAIN]],
-        BARE: [f"{bench}.forwarder", "--ros-args", *ros[BARE]],
+        CONNECTOR: node_command("connector", scene, *ros[CONNECTOR]),
+        RECORDING: node_command("connector", scene, *ros[RECORDING], *record),
+        RCLPY: module_command(f"{here}.rclpy_node", str(scene), "--ros-args", *ros[RCLPY]),
+        FORWARDER: module_command(f"{here}.forwarder", "--ros-args", *ros[FORWARDER]),
     }
 
 
-Ask = Callable[[str, float, int], dict[str, Any]]
-
-
 @contextlib.contextmanager
-def _processes(folder: Path, environment: Mapping[str, str]) -> Iterator[Ask]:
-    """All contestants and the driver; what asks one for samples at a rate."""
+def _processes(folder: Path, environment: Mapping[str, str]) -> Iterator[Request]:
+    """All nodes and the load generator."""
     with contextlib.ExitStack() as stack:
-        running = {
-            name: stack.enter_context(process(_NAMES[name], command, folder, environment))
+        nodes = {
+            name: stack.enter_context(Child(name, command, environment, folder=folder))
             for name, command in _commands(folder).items()
         }
-        driver = ["cylconn_ros.bench.nodes.driver"]
-        asking = stack.enter_context(process("driver", driver, folder, environment, talks=True))
+        command = module_command("cylconn_ros.bench.nodes.load_generator")
+        load = stack.enter_context(Child("load generator", command, environment, json_lines=True))
 
-        def ask(contestant: str, rate: float, samples: int) -> dict[str, Any]:
-            assert asking.stdin is not None
-            assert asking.stdout is not None
-            task = {"name": _NAMES[contestant], "pid": running[contestant].pid, "rate": rate}
-            asking.stdin.write(json.dumps({**task, "samples": samples}) + "\n")
-            asking.stdin.flush()
-            line = asking.stdout.readline()
-            ended = [name for name, one in running.items() if one.poll() is not None]
-            if ended or not line:
-                name = ended[0] if ended else "driver"
-                said = (
-                    _log(folder, _NAMES.get(name, name))
-                    .read_text(errors="replace")
-                    .strip()
-                    .splitlines()
-                )
-                last = said[-1] if said else "nothing was said"
-                raise RuntimeError(f"{name} ended too early: {last}")
-            return dict(json.loads(line))
+        def request(node: str, rate: float, samples: int) -> Turn:
+            task = {"name": _NAMESPACES[node], "pid": nodes[node].pid, "rate": rate}
+            return request_while_running(load, {**task, "samples": samples}, nodes.values())
 
-        yield ask
+        yield request
 
 
-def _log(folder: Path, name: str) -> Path:
-    """Where a process' words go."""
-    return folder / f"{name}.log"
+def request_while_running(
+    load: Child, task: Mapping[str, Any], nodes: Iterable[Child]
+) -> dict[str, Any]:
+    """Send a task to a load generator and return its measurement.
 
-
-@contextlib.contextmanager
-def process(
-    name: str,
-    command: Sequence[str],
-    folder: Path,
-    environment: Mapping[str, str],
-    talks: bool = False,
-) -> Iterator[subprocess.Popen[str]]:
-    """A process, out of the terminal's reach, that does not outlive the block.
-
-    ``command``: a module and its arguments. What it says goes to a log in ``folder``; where it
-    ``talks``, its output is ours to read.
+    Raises ProcessError if one of the nodes, or the load generator, ends early.
     """
-    clean = {k: v for k, v in environment.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    with _log(folder, name).open("w") as log:
-        started = subprocess.Popen(
-            [sys.executable, "-m", *command],
-            env=clean,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE if talks else log,
-            stderr=log,
-            text=True,
-            start_new_session=True,
-        )
-    try:
-        yield started
-    finally:
-        for number in (signal.SIGINT, signal.SIGKILL):
-            if started.poll() is None:
-                started.send_signal(number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                started.communicate(timeout=10.0)
-                break
+    load.write(task)
+    while True:
+        found, failure = None, None
+        try:
+            found = load.read(timeout=1.0)
+        except TimeoutError:
+            pass
+        except ProcessError as error:
+            failure = error
+        ended = next((node for node in nodes if not node.running), None)
+        if ended is not None:
+            raise ProcessError(f"{ended.name} ended early; {ended.last_words()}") from failure
+        if failure is not None:
+            raise failure
+        if found is not None:
+            return dict(found)
 
 
-def _value(block: Mapping[str, Any], quantity: str) -> float:
+def _value(turn: Turn, quantity: str) -> float:
     if quantity in (_DELAY, _TAIL):
-        delays = block["delays"]
+        delays = turn["delays"]
         return float(delays[0 if quantity == _DELAY else 2]) if delays else float("nan")
     if quantity == _LOST:
-        return float(block["sent"] - block["answered"])
-    return float(block["cpu" if quantity == _CPU else "rate"])
+        return float(turn["sent"] - turn["received"])
+    return float(turn["cpu" if quantity == _CPU else "rate"])
 
 
-def _values(rounds: Rounds, quantity: str) -> np.ndarray:
-    return np.array([_value(block, quantity) for block in rounds])
+def _values(turns: Sequence[Turn], quantity: str) -> np.ndarray:
+    return np.array([_value(turn, quantity) for turn in turns])
 
 
-def _targets(found: Mapping[tuple[str, str], Rounds]) -> list[Target]:
-    """What was aimed at: medians of the ratios of each round."""
+def _targets(found: Mapping[tuple[str, str], Sequence[Turn]]) -> list[Target]:
+    """The targets: medians of the ratios of each round, and lost samples."""
 
-    def ratio(quantity: str, problem: str, of: str, to: str) -> float:
-        return float(np.median(_values(found[problem, of], quantity)
-                               / _values(found[problem, to], quantity)))  # fmt: skip
+    def ratio(quantity: str, case: str, of: str, to: str) -> float:
+        return float(np.median(_values(found[case, of], quantity)
+                               / _values(found[case, to], quantity)))  # fmt: skip
 
     targets = []
     for to, of, delay, cpu in (
-        (PLAIN, OURS, 0.4, 0.3),
-        (BARE, OURS, 1.3, 1.3),
-        (OURS, RECORDING, 1.1, 1.1),
+        (RCLPY, CONNECTOR, 0.4, 0.3),
+        (FORWARDER, CONNECTOR, 1.3, 1.3),
+        (CONNECTOR, RECORDING, 1.1, 1.1),
     ):
         for quantity, limit in ((_DELAY, delay), (_CPU, cpu)):
             value = ratio(quantity, _SLOW, of, to)
             targets.append(Target(f"{_SLOW}: {quantity}, {of} to {to}", value, limit, "1"))
-    value = ratio(_RATE, _CLOSED, PLAIN, OURS)
-    targets.append(Target(f"{_CLOSED}: {_RATE}, {PLAIN} to {OURS}", value, 0.25, "1"))
-    for contestant in (OURS, RECORDING):
-        blocks = found[_FAST, contestant]
-        lost = _values(blocks, _LOST).sum()
-        sent = sum(block["sent"] for block in blocks)
-        note = f"of {sent} samples"
-        targets.append(Target(f"{_FAST}: {_LOST}, {contestant}", float(lost), 0.0, "", note))
+    value = ratio(_RATE, _CLOSED, RCLPY, CONNECTOR)
+    targets.append(Target(f"{_CLOSED}: {_RATE}, {RCLPY} to {CONNECTOR}", value, 0.25, "1"))
+    for node in (CONNECTOR, RECORDING):
+        turns = found[_FAST, node]
+        lost = _values(turns, _LOST).sum()
+        note = f"of {sum(turn['sent'] for turn in turns)} samples"
+        targets.append(Target(f"{_FAST}: {_LOST}, {node}", float(lost), 0.0, "", note))
     return targets
 
 
-def _measurements(found: Mapping[tuple[str, str], Rounds]) -> Iterator[Measurement]:
-    for (problem, contestant), rounds in found.items():
+def _measurements(found: Mapping[tuple[str, str], Sequence[Turn]]) -> Iterator[Measurement]:
+    for (case, node), turns in found.items():
         for quantity, unit, scale in (
             (_DELAY, "µs", 1e6),
             (_TAIL, "µs", 1e6),
             (_CPU, "µs", 1e6),
             (_RATE, "1/s", 1.0),
         ):
-            spread = Spread.of(_values(rounds, quantity))
-            yield Measurement.of(problem, contestant, quantity, spread, unit, scale=scale)
-        lost = _values(rounds, _LOST).sum()
-        yield Measurement(problem, contestant, _LOST, float(lost), "", count=len(rounds))
+            spread = Spread.of(_values(turns, quantity))
+            yield Measurement.of(case, node, quantity, spread, unit, scale=scale)
+        lost = _values(turns, _LOST).sum()
+        yield Measurement(case, node, _LOST, float(lost), "", count=len(turns))

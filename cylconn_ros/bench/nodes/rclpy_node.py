@@ -1,7 +1,8 @@
-"""The same node as one would usually write it: message objects, callbacks, ``rclpy.spin``.
+"""Baseline of the node benchmark: the node as usually written with rclpy.
 
-``python -m cylconn_ros.bench.nodes.rclpy_node SCENE --ros-args -r __ns:=/plain``. Its physics is the
-same compiled step; all else is what tutorials show. It counts nothing and checks nothing.
+``python -m cylconn_ros.bench.nodes.rclpy_node SCENE --ros-args -r __ns:=/rclpy`` uses message
+objects, callbacks and ``rclpy.spin``, as tutorials do. Its physics is the connector's compiled
+step. It has no statistics and checks nothing.
 """
 
 from __future__ import annotations
@@ -24,37 +25,37 @@ from cylconn_ros.ros import qos, run_node
 from cylconn_ros.scene.scene import load
 
 
-class PlainNode(Node):
-    """Answer samples of two moving bodies."""
+class RclpyNode(Node):
+    """Process the samples of two moving bodies."""
 
     def __init__(self, scene_file: str) -> None:
         super().__init__("connector")
         self.scene = load(scene_file)
         self.connector = Connector(self.scene)
         self.sample = np.zeros(layout.NSAMPLE)
-        self.waiting: dict[tuple[int, int], dict[str, Any]] = {}
+        self.incomplete: dict[tuple[int, int], dict[str, Any]] = {}
         self.connector.step(self.sample)  # compiles
         self.connector.reset()
         for body in ("body_a", "body_b"):
             for name, kind in (("pose", PoseStamped), ("twist", TwistStamped)):
                 topic = f"{body}/{name}"
-                take = functools.partial(self.receive, topic)
-                self.create_subscription(kind, topic, take, qos.samples())
+                callback = functools.partial(self.receive, topic)
+                self.create_subscription(kind, topic, callback, qos.samples())
         self.wrench_a = self.create_publisher(WrenchStamped, "body_a/wrench", qos.samples())
         self.wrench_b = self.create_publisher(WrenchStamped, "body_b/wrench", qos.samples())
         self.state = self.create_publisher(ConnectorState, "~/state", qos.samples())
 
     def receive(self, topic: str, message: Any) -> None:
-        """Keep a message; answer when all four of a stamp are there."""
+        """Store a message; process the sample when its four messages have arrived."""
         stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
-        messages = self.waiting.setdefault(stamp, {})
+        messages = self.incomplete.setdefault(stamp, {})
         messages[topic] = message
         if len(messages) == 4:
-            del self.waiting[stamp]
-            self.answer(messages)
+            del self.incomplete[stamp]
+            self.process(messages)
 
-    def answer(self, messages: dict[str, Any]) -> None:
-        """Compute and publish."""
+    def process(self, messages: dict[str, Any]) -> None:
+        """Compute the wrenches and the state and publish them."""
         header = messages["body_a/pose"].header
         for at, body in ((0, "body_a"), (13, "body_b")):
             pose, twist = messages[f"{body}/pose"].pose, messages[f"{body}/twist"].twist
@@ -85,11 +86,11 @@ class PlainNode(Node):
 
 
 def main() -> int:
-    """Serve until interrupted."""
+    """Run until interrupted."""
     scene = sys.argv[1]
     rclpy.init()
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(PlainNode(scene))
+        rclpy.spin(RclpyNode(scene))
     rclpy.try_shutdown()
     return run_node.OK
 

@@ -1,5 +1,5 @@
-"""Whoever solves a scene, one file each and one signature: see ``task``.
+"""Solvers that compute the whole motion of a scene, one file each; ``solver`` is the interface.
 
-Heavy packages are imported when a task is prepared, so that all contestants can be named where only
-some are installed.
+A solver imports its package when a problem is prepared, so that all solvers can be listed if only
+some packages are installed.
 """

@@ -1,8 +1,9 @@
-"""What peers share: where the joint is, Coulomb's law on last step's reaction, bounces, end states.
+"""What the peer solvers share: joint geometry, Coulomb friction, stops, spring, end states.
 
-Peers have slide and spin as coordinates, from 0 at the start. Their loops are what a careful user
-writes: the normal force of the *last* step's reaction, friction on one disc against the slip, and
-no more of it than what brings the slip to rest within the step.
+The simulators have slide and spin as generalised coordinates that start at 0, but no Coulomb
+friction that depends on the reaction. A careful user adds a loop: friction on one disc against the
+slip, its limit computed from the reaction of the *previous* step, and never more of it than brings
+the slip to rest within the step.
 """
 
 from __future__ import annotations
@@ -12,74 +13,77 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylconn_ros.bench.common.errors import LeftOutError
-from cylconn_ros.bench.common.frames import inside, inverse, outside, product, rotation
+from cylconn_ros.bench.common.errors import NotApplicableError
+from cylconn_ros.bench.common.frames import inverse, product, rotation, to_body, to_world
 from cylconn_ros.bench.peers.solver import Array
 from cylconn_ros.scene.scene import Scene
 
 
 class Joint:
-    """The cylindrical joint of a scene at its start.
+    """Geometry and initial state of the cylindrical joint of a scene.
 
     Attributes
     ----------
-        free: whether A moves. pose_a, pose_b (7,), twist_a, twist_b (6,): at the start.
-        axis_a, axis_b (3,): the slot in body A's and in body B's axes.
-        node_b (3,): in B's frame. place (3,), turn (4,): of B's frame in A's.
-        slide, spin: rates at the start, m/s, rad/s.
+        free: whether body A moves. pose_a, pose_b (7,), twist_a, twist_b (6,): initial values.
+        axis_a, axis_b (3,): joint axis e1 in the axes of body A and of body B.
+        node_b (3,): in the frame of B. position (3,), orientation (4,): of B's frame in A's.
+        slide_rate, spin_rate: initial values, m/s, rad/s.
 
-    Raises LeftOutError for a scene that is not a free body B on a fixed or free A.
+    Raises NotApplicableError unless body B is free and body A is fixed or free.
     """
 
     def __init__(self, scene: Scene) -> None:
         a, b = scene.body_a, scene.body_b
         if b.kind != "free" or a.kind not in ("free", "fixed"):
-            raise LeftOutError("needs a free body B on a fixed or free body A")
+            raise NotApplicableError("needs a free body B on a fixed or free body A")
         self.scene, self.free = scene, a.kind == "free"
         self.pose_a, self.pose_b = np.array(scene.initial_pose(0)), np.array(scene.initial_pose(1))
         self.twist_a, self.twist_b = (np.array(scene.initial_twist(k)) for k in (0, 1))
         if not self.free:
             self.twist_a = np.zeros(6)
-        self.turn = product(inverse(self.pose_a[3:]), self.pose_b[3:])
-        self.place = inside(self.pose_a, self.pose_b[:3])
+        self.orientation = product(inverse(self.pose_a[3:]), self.pose_b[3:])
+        self.position = to_body(self.pose_a, self.pose_b[:3])
         self.axis_a = rotation(scene.node_a.orientation)[:, 0]
-        self.axis_b = rotation(self.turn).T @ self.axis_a
+        self.axis_b = rotation(self.orientation).T @ self.axis_a
         self.node_b = np.array(scene.node_b.position)
-        self.slide, self.spin = self.rates(self.pose_a, self.twist_a, self.pose_b, self.twist_b)
+        self.slide_rate, self.spin_rate = self.rates(
+            self.pose_a, self.twist_a, self.pose_b, self.twist_b
+        )
 
     def rates(
         self, pose_a: Array, twist_a: Array, pose_b: Array, twist_b: Array
     ) -> tuple[float, float]:
-        """Rates of slide and spin."""
+        """Rates of slide (m/s) and spin (rad/s)."""
         axis = rotation(pose_a[3:]) @ self.axis_a
-        xb = outside(pose_b, self.node_b)
-        at_b = twist_b[:3] + np.cross(twist_b[3:], xb - pose_b[:3])
-        of_a = twist_a[:3] + np.cross(twist_a[3:], xb - pose_a[:3])
-        return float(axis @ (at_b - of_a)), float(axis @ (twist_b[3:] - twist_a[3:]))
+        xb = to_world(pose_b, self.node_b)
+        velocity_b = twist_b[:3] + np.cross(twist_b[3:], xb - pose_b[:3])
+        velocity_a = twist_a[:3] + np.cross(twist_a[3:], xb - pose_a[:3])
+        return float(axis @ (velocity_b - velocity_a)), float(axis @ (twist_b[3:] - twist_a[3:]))
 
     def state(
         self, pose_a: Array, twist_a: Array, slide: float, spin: float, rates: Sequence[float]
     ) -> Array:
-        """(26,) as in a sample, of slide and spin since the start and their rates."""
+        """(26,) poses and twists from slide (m) and spin (rad) since the start, and their rates."""
         half = 0.5 * spin
-        rolled = np.array([*(math.sin(half) * self.axis_a), math.cos(half)])
-        hub = self.place + rotation(self.turn) @ self.node_b + slide * self.axis_a
-        turn = product(rolled, self.turn)
-        place = hub - rotation(turn) @ self.node_b
+        about_axis = np.array([*(math.sin(half) * self.axis_a), math.cos(half)])
+        node_in_a = self.position + rotation(self.orientation) @ self.node_b + slide * self.axis_a
+        orientation = product(about_axis, self.orientation)
+        position = node_in_a - rotation(orientation) @ self.node_b
         state = np.empty(26)
         state[0:7], state[7:13] = pose_a, twist_a
-        state[13:16], state[16:20] = outside(pose_a, place), product(pose_a[3:], turn)
+        state[13:16] = to_world(pose_a, position)
+        state[16:20] = product(pose_a[3:], orientation)
         axis = rotation(pose_a[3:]) @ self.axis_a
-        xb = outside(pose_a, hub)
-        spin_b = twist_a[3:] + rates[1] * axis
-        at_b = twist_a[:3] + np.cross(twist_a[3:], xb - pose_a[:3]) + rates[0] * axis
-        state[20:23] = at_b + np.cross(spin_b, state[13:16] - xb)
-        state[23:26] = spin_b
+        xb = to_world(pose_a, node_in_a)
+        omega_b = twist_a[3:] + rates[1] * axis
+        velocity = twist_a[:3] + np.cross(twist_a[3:], xb - pose_a[:3]) + rates[0] * axis
+        state[20:23] = velocity + np.cross(omega_b, state[13:16] - xb)
+        state[23:26] = omega_b
         return state
 
 
 class Coulomb:
-    """The law of friction as a user's loop has it, in plain floats."""
+    """The friction law of a scene as a user's loop computes it, in plain floats."""
 
     def __init__(self, scene: Scene) -> None:
         f = scene.friction
@@ -88,24 +92,29 @@ class Coulomb:
         self.bend = 2.0 / f.overlap if f.on and f.overlap > 0.0 else 0.0
         self.preload = f.preload if f.on else 0.0
 
-    def limit(self, force: Sequence[float], moment: Sequence[float], e: Sequence[float]) -> float:
-        """Mu FN of the reaction (force, moment about node b), in any axes; ``e`` the slot there."""
+    def limit(
+        self, force: Sequence[float], moment: Sequence[float], axis: Sequence[float]
+    ) -> float:
+        """Friction limit mu FN (N) of a reaction (force, moment about node b).
+
+        All three vectors are in the same axes; ``axis`` is the joint axis e1.
+        """
         fx, fy, fz = force
         mx, my, mz = moment
-        along = fx * e[0] + fy * e[1] + fz * e[2]
-        about = mx * e[0] + my * e[1] + mz * e[2]
+        along = fx * axis[0] + fy * axis[1] + fz * axis[2]
+        about = mx * axis[0] + my * axis[1] + mz * axis[2]
         radial = math.sqrt(max(fx * fx + fy * fy + fz * fz - along * along, 0.0))
         bending = math.sqrt(max(mx * mx + my * my + mz * mz - about * about, 0.0))
         return self.mu * abs(radial + self.bend * bending + self.preload)
 
-    def brake(
+    def friction(
         self, limit: float, v: float, w: float, free: tuple[float, float],
         inverse_mass: tuple[float, float, float], h: float,
     ) -> tuple[float, float]:  # fmt: skip
-        """Friction force and moment of one step.
+        """Friction force (N) and moment (N.m) of one step of length ``h`` (s).
 
-        What brings slide and spin to rest at the step's end if the limit allows it; else the limit,
-        against the slip.
+        The friction that brings slide and spin to rest at the end of the step, if it is within the
+        limit; else the limit, against the slip.
 
         Args:
             v, w: rates of slide and spin. free: their accelerations without friction.
@@ -119,32 +128,35 @@ class Coulomb:
             return f, m
         u = self.radius * w
         size = math.hypot(v, u)
-        if size <= 1e-300:  # from rest: against what pulls it
+        if size <= 1e-300:  # starts from rest: against the applied load
             v, u = -f, -m / self.radius
             size = math.hypot(v, u)
         return -limit * v / size, -limit * self.radius * u / size
 
-    def shares(self, limit: float, v: float, w: float, small: float) -> tuple[float, float]:
-        """The limit shared by slide (N) and spin (N.m) as the slip is; whole for both at rest."""
+    def split(self, limit: float, v: float, w: float, rest: float) -> tuple[float, float]:
+        """The limit split into slide (N) and spin (N.m) in proportion to the slip components.
+
+        Below the slip speed ``rest`` (m/s) both get the whole limit.
+        """
         u = self.radius * w
         size = math.hypot(v, u)
-        if size <= small:
+        if size <= rest:
             return limit, limit * self.radius
         return limit * abs(v) / size, limit * self.radius * abs(u) / size
 
 
 class Stops:
-    """Stops on the slide as a loop handles them: put back, and sent back with the restitution."""
+    """Stops of the slide, handled by a loop: it resets the position and reverses the rate."""
 
-    def __init__(self, scene: Scene, start: float) -> None:
-        low, high = scene.stops.l_min, scene.stops.l_max
+    def __init__(self, scene: Scene) -> None:
+        low, high, start = scene.stops.l_min, scene.stops.l_max, initial_length(scene)
         self.low = -math.inf if math.isnan(low) else low - start
         self.high = math.inf if math.isnan(high) else high - start
         self.restitution = scene.stops.restitution
         self.on = math.isfinite(self.low) or math.isfinite(self.high)
 
-    def bounced(self, slide: float, v: float) -> tuple[float, float] | None:
-        """Slide and rate after a stop was run into; None where none was."""
+    def impact(self, slide: float, v: float) -> tuple[float, float] | None:
+        """Slide and rate after an impact on a stop; None if there is no impact."""
         if slide > self.high and v > 0.0:
             return self.high, -self.restitution * v
         if slide < self.low and v < 0.0:
@@ -153,22 +165,22 @@ class Stops:
 
 
 class Spring:
-    """The spring on the slide: ``stiffness`` (N/m), and at which slide it is ``slack`` (m)."""
+    """The spring on the slide: ``stiffness`` (N/m), and the slide without force, ``rest`` (m)."""
 
     def __init__(self, scene: Scene) -> None:
-        self.stiffness, self.slack = scene.elasticity.k1, 0.0
+        self.stiffness, self.rest = scene.elasticity.k1, 0.0
         if not math.isnan(scene.reference.length):
-            self.slack = scene.reference.length - length(scene)
+            self.rest = scene.reference.length - initial_length(scene)
 
     def force(self, slide: float) -> float:
-        """On B along the slot, N."""
-        return -self.stiffness * (slide - self.slack)
+        """Force on B along the joint axis, N."""
+        return -self.stiffness * (slide - self.rest)
 
 
-def length(scene: Scene) -> float:
-    """Position in the slot at the start, m."""
+def initial_length(scene: Scene) -> float:
+    """Initial position of node b along the joint axis, from node a, m."""
     pose_a = np.array(scene.initial_pose(0))
     axes = rotation(pose_a[3:]) @ rotation(scene.node_a.orientation)
-    xa = outside(pose_a, scene.node_a.position)
-    xb = outside(scene.initial_pose(1), scene.node_b.position)
+    xa = to_world(pose_a, scene.node_a.position)
+    xb = to_world(scene.initial_pose(1), scene.node_b.position)
     return float(axes[:, 0] @ (xb - xa))

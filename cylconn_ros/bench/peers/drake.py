@@ -1,10 +1,10 @@
-"""Drake: a MultibodyPlant with a prismatic and a revolute joint, friction by a loop around it.
+"""Drake: a MultibodyPlant with a prismatic and a revolute joint, and a friction loop around it.
 
-Drake's joints have damping and no Coulomb friction. The loop reads the reaction port after a step,
-and holds over the next one the friction that its limit allows, no more than what brings the slip to
-rest (from the plant's mass matrix and bias). Discrete: ``time_step`` is the step. Continuous:
-Runge-Kutta of third order with fixed steps. Where there is neither friction nor a stop, one
-``AdvanceTo`` runs through.
+Drake's joints have damping but no Coulomb friction. The loop reads the reaction port after a step
+and applies during the next step the friction that its limit allows, and never more than brings the
+slip to rest (from the plant's mass matrix and bias). Discrete plant: ``time_step`` is the step.
+Continuous plant: third-order Runge-Kutta with fixed steps. Without friction and stops, one call of
+``AdvanceTo`` covers the whole motion.
 """
 
 from __future__ import annotations
@@ -15,84 +15,83 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.bench.common.frames import rotation
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, length
-from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, package
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops
+from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.scene.scene import Body
 
 
-class Peer:
-    """A task in Drake."""
+class DrakeSolver:
+    """A problem in Drake; ``discrete``: a discrete plant, else a continuous one."""
 
-    def __init__(self, task: Task, discrete: bool) -> None:
+    def __init__(self, problem: Problem, discrete: bool) -> None:
         package("pydrake")
         self.tree = package("pydrake.multibody.tree")
-        self.maths = package("pydrake.math")
+        self.math = package("pydrake.math")
         self.plants = package("pydrake.multibody.plant")
         self.analysis = package("pydrake.systems.analysis")
-        self.task, scene = task, task.scene
+        self.problem, scene = problem, problem.scene
         self.joint, self.law = Joint(scene), Coulomb(scene)
-        self.stops = Stops(scene, length(scene))
-        self.spring = Spring(scene)
-        self.plant = self._made(task.value if discrete else 0.0)
+        self.stops, self.spring = Stops(scene), Spring(scene)
+        self.plant = self._build(problem.value if discrete else 0.0)
         self.simulator = self.analysis.Simulator(self.plant)
         if not discrete:
-            self.analysis.ResetIntegratorFromFlags(self.simulator, "runge_kutta3", task.value)
+            self.analysis.ResetIntegratorFromFlags(self.simulator, "runge_kutta3", problem.value)
             self.simulator.get_mutable_integrator().set_fixed_step_mode(True)
         self.context = self.simulator.get_mutable_context()
         self.forces = self.plant.get_applied_generalized_force_input_port()
         self.reactions = self.plant.get_reaction_forces_output_port()
         self.zero = np.zeros(self.plant.num_velocities())
         self.input = self.forces.FixValue(self.context, self.zero)
-        self._restart()
+        self._reset()
         self.simulator.Initialize()
         self.axis = self.joint.axis_b.tolist()
-        if self.law.on:  # a discrete plant has a reaction after a step only
-            self.simulator.AdvanceTo(task.value)
-        self.first = self._limit() if self.law.on else 0.0
+        if self.law.on:  # a discrete plant computes reactions in a step only
+            self.simulator.AdvanceTo(problem.value)
+        self.initial_limit = self._limit() if self.law.on else 0.0
 
-    def _made(self, time_step: float) -> Any:
-        tree, joint, scene = self.tree, self.joint, self.task.scene
+    def _build(self, time_step: float) -> Any:
+        tree, joint, scene = self.tree, self.joint, self.problem.scene
         plant = self.plants.MultibodyPlant(time_step)
         plant.mutable_gravity_field().set_gravity_vector(np.array(scene.gravity))
-        pose, turn = joint.pose_a, rotation(joint.turn)
+        pose, axes = joint.pose_a, rotation(joint.orientation)
         if joint.free:
             body_a = plant.AddRigidBody("a", self._inertia(scene.body_a))
             frame = body_a.body_frame()
-            place = self._pose(turn, joint.place + turn @ joint.node_b)
+            joint_frame = self._pose(axes, joint.position + axes @ joint.node_b)
         else:
             frame = plant.world_frame()
-            whole = rotation(pose[3:])
-            place = self._pose(whole @ turn, pose[:3] + whole @ (joint.place + turn @ joint.node_b))
-        nothing = tree.SpatialInertia(0.0, np.zeros(3), tree.UnitInertia(0.0, 0.0, 0.0))
-        slider = plant.AddRigidBody("slider", nothing)
+            axes_a = rotation(pose[3:])
+            position = pose[:3] + axes_a @ (joint.position + axes @ joint.node_b)
+            joint_frame = self._pose(axes_a @ axes, position)
+        massless = tree.SpatialInertia(0.0, np.zeros(3), tree.UnitInertia(0.0, 0.0, 0.0))
+        slider = plant.AddRigidBody("slider", massless)
         body_b = plant.AddRigidBody("b", self._inertia(scene.body_b))
-        hub_a = plant.AddFrame(tree.FixedOffsetFrame("hub_a", frame, place))
-        hub_b = plant.AddFrame(
-            tree.FixedOffsetFrame("hub_b", body_b.body_frame(), self._pose(np.eye(3), joint.node_b))
-        )
+        joint_a = plant.AddFrame(tree.FixedOffsetFrame("joint_a", frame, joint_frame))
+        node_b = self._pose(np.eye(3), joint.node_b)
+        joint_b = plant.AddFrame(tree.FixedOffsetFrame("joint_b", body_b.body_frame(), node_b))
         self.slide = plant.AddJoint(
-            tree.PrismaticJoint("slide", hub_a, slider.body_frame(), joint.axis_b)
+            tree.PrismaticJoint("slide", joint_a, slider.body_frame(), joint.axis_b)
         )
         self.spin = plant.AddJoint(
-            tree.RevoluteJoint("spin", slider.body_frame(), hub_b, joint.axis_b)
+            tree.RevoluteJoint("spin", slider.body_frame(), joint_b, joint.axis_b)
         )
         spring = self.spring
         if spring.stiffness:
-            plant.AddForceElement(tree.PrismaticSpring(self.slide, spring.slack, spring.stiffness))
+            plant.AddForceElement(tree.PrismaticSpring(self.slide, spring.rest, spring.stiffness))
         plant.Finalize()
         return plant
 
-    def _pose(self, turn: Array, place: Array) -> Any:
-        return self.maths.RigidTransform(self.maths.RotationMatrix(turn), place)
+    def _pose(self, axes: Array, position: Array) -> Any:
+        return self.math.RigidTransform(self.math.RotationMatrix(axes), position)
 
     def _inertia(self, body: Body) -> Any:
         tree = self.tree
         ixx, ixy, ixz, iyy, iyz, izz = body.inertia
-        about = tree.RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
-        return tree.SpatialInertia.MakeFromCentralInertia(body.mass, np.array(body.com), about)
+        central = tree.RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
+        return tree.SpatialInertia.MakeFromCentralInertia(body.mass, np.array(body.com), central)
 
-    def _restart(self) -> None:
-        """Back to the start of the scene."""
+    def _reset(self) -> None:
+        """Return to the initial state."""
         joint, plant, context = self.joint, self.plant, self.context
         context.SetTime(0.0)
         if joint.free:
@@ -104,65 +103,66 @@ class Peer:
             )
             plant.SetFreeBodySpatialVelocity(context, body, velocity)
         self.slide.set_translation(context, 0.0)
-        self.slide.set_translation_rate(context, joint.slide)
+        self.slide.set_translation_rate(context, joint.slide_rate)
         self.spin.set_angle(context, 0.0)
-        self.spin.set_angular_rate(context, joint.spin)
+        self.spin.set_angular_rate(context, joint.spin_rate)
 
     def _limit(self) -> float:
-        """Mu FN of the reaction port as it stands."""
+        """Friction limit mu FN (N) of the current reaction."""
         reaction = self.reactions.Eval(self.context)[int(self.spin.index())]
         return self.law.limit(
             reaction.translational().tolist(), reaction.rotational().tolist(), self.axis
         )
 
     def _friction(self, limit: float) -> Array:
-        """Generalised forces of the coming step."""
+        """Generalised forces for the next step, with friction up to ``limit`` (N)."""
         plant, context, law = self.plant, self.context, self.law
         forces = self.zero.copy()
         k, j = self.slide.velocity_start(), self.spin.velocity_start()
         if law.on:
             mass = plant.CalcMassMatrix(context)
-            pull = plant.CalcGravityGeneralizedForces(context) - plant.CalcBiasTerm(context)
-            pull[k] += self.spring.force(self.slide.get_translation(context))
+            applied = plant.CalcGravityGeneralizedForces(context) - plant.CalcBiasTerm(context)
+            applied[k] += self.spring.force(self.slide.get_translation(context))
             columns = np.zeros((len(forces), 3))
-            columns[:, 0], columns[k, 1], columns[j, 2] = pull, 1.0, 1.0
-            free, by_f, by_m = np.linalg.solve(mass, columns).T
+            columns[:, 0], columns[k, 1], columns[j, 2] = applied, 1.0, 1.0
+            free, per_force, per_moment = np.linalg.solve(mass, columns).T
             v = self.slide.get_translation_rate(context), self.spin.get_angular_rate(context)
-            f, m = law.brake(
+            f, m = law.friction(
                 limit, *v, (float(free[k]), float(free[j])),
-                (float(by_f[k]), float(by_f[j]), float(by_m[j])), self.task.value,
+                (float(per_force[k]), float(per_force[j]), float(per_moment[j])),
+                self.problem.value,
             )  # fmt: skip
             forces[k] += f
             forces[j] += m
         return forces
 
-    def __call__(self) -> Read:
-        """All steps."""
-        self._restart()
+    def __call__(self) -> EndState:
+        """Run all steps from the start."""
+        self._reset()
         self.input.GetMutableData().set_value(self.zero)
         self.simulator.Initialize()
-        advance, h = self.simulator.AdvanceTo, self.task.value
+        advance, h = self.simulator.AdvanceTo, self.problem.value
         if not self.law.on and not self.stops.on:
-            advance(self.task.duration)
-            return self.end
-        limit = self.first
-        for k in range(self.task.steps):
+            advance(self.problem.duration)
+            return self.end_state
+        limit = self.initial_limit
+        for k in range(self.problem.steps):
             self.input.GetMutableData().set_value(self._friction(limit))
             advance((k + 1) * h)
             if self.law.on:
                 limit = self._limit()
             if self.stops.on:
-                bounced = self.stops.bounced(
+                impact = self.stops.impact(
                     self.slide.get_translation(self.context),
                     self.slide.get_translation_rate(self.context),
                 )
-                if bounced:
-                    self.slide.set_translation(self.context, bounced[0])
-                    self.slide.set_translation_rate(self.context, bounced[1])
-        return self.end
+                if impact:
+                    self.slide.set_translation(self.context, impact[0])
+                    self.slide.set_translation_rate(self.context, impact[1])
+        return self.end_state
 
-    def end(self) -> Array:
-        """(26,) at the end."""
+    def end_state(self) -> Array:
+        """(26,) poses and twists after the last step."""
         joint, context = self.joint, self.context
         pose, twist = joint.pose_a, joint.twist_a
         if joint.free:
@@ -178,17 +178,18 @@ class Peer:
         )  # fmt: skip
 
 
-def _prepared(discrete: bool) -> Callable[[Task], Solve]:
-    return lambda task: Peer(task, discrete)
+def _prepared(discrete: bool) -> Callable[[Problem], Solve]:
+    return lambda problem: DrakeSolver(problem, discrete)
 
 
-CONTESTANTS = (
-    Contestant(
+SOLVERS = (
+    Solver(
         "Drake discrete, loop", "drake", "simulator", "step",
-        "discrete plant, friction of the last step's reaction", _prepared(True),
+        "discrete plant, friction limit from the last step's reaction", _prepared(True),
     ),
-    Contestant(
+    Solver(
         "Drake RK3, loop", "drake", "simulator", "step",
-        "continuous plant, fixed steps, friction of the last step's reaction", _prepared(False),
+        "continuous plant, fixed steps, friction limit from the last step's reaction",
+        _prepared(False),
     ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Our closed loop in one compiled call: a step of the connector, a step of the plant, n times."""
+"""The closed loop of a method and the exact plant in one compiled call."""
 
 from cylconn_ros.core import layout, plant
 from cylconn_ros.core.friction import Array
@@ -8,16 +8,17 @@ from cylconn_ros.methods import dispatch as methods
 
 @kernel
 def closed(
-    method: int, par: Array, of_plant: Array, mem: Array, sample: Array, loads: Array, state: Array,
-    a: Array, b: Array, h: float, steps: int, out: Array,
+    method: int, par: Array, plant_par: Array, mem: Array, sample: Array, loads: Array,
+    state: Array, a: Array, b: Array, h: float, steps: int, out: Array,
 ) -> int:  # fmt: skip
-    """Move ``state`` (26,) by ``steps`` periods h; the connector's memory in ``mem``.
+    """Advance ``state`` (26,) by ``steps`` periods of length h (s).
 
     Args:
-        par, of_plant: the scene in numbers, for the connector and for the plant.
-        sample (38,), a (6,), b (6,), out: room to work in. loads (12,): as in a sample.
+        par, plant_par: parameter arrays of the connector and of the plant.
+        mem: memory of the connector, advanced. loads (12,): as in a sample.
+        sample (38,), a (6,), b (6,), out: work arrays.
 
-    Returns the number of steps that were answered with OK.
+    Returns the number of steps with status OK.
     """
     good = 0
     for _ in range(steps):
@@ -30,5 +31,5 @@ def closed(
         for k in range(6):
             a[k] = out[layout.FORCE_A + k]
             b[k] = out[layout.FORCE_B + k]
-        plant.step(of_plant, state, a, b, loads, h)
+        plant.step(plant_par, state, a, b, loads, h)
     return good

@@ -1,95 +1,91 @@
-"""MuJoCo: slide and hinge on one axis, with the friction that each of its users would have.
+"""MuJoCo: slide and hinge on one axis, with three ways to set the joint friction.
 
-- constant: ``frictionloss`` of the start's normal force, set once; steps in one call.
-- calibrated: one constant, fitted at a step of 1 ms to the answer of this scene at four fifths of
-  its speed.
-- loop: from Python, ``frictionloss`` of the last step's reaction, shared by slide and hinge as the
-  slip is. MuJoCo's solver then holds or brakes implicitly.
+- constant: ``frictionloss`` from the initial normal force, set once; all steps in one call.
+- calibrated: one constant, fitted at a step of 1 ms to the reference solution of this scene at 0.8
+  of its speed.
+- loop: before each step, from Python, ``frictionloss`` from the reaction of the last step, split
+  between slide and hinge in proportion to the slip. MuJoCo's solver then sticks or slips
+  implicitly.
 
-``solimpfriction`` and ``solreffriction`` are as hard as the solver takes them: with the defaults a
-held joint creeps. Stops: range with a ``solreflimit`` whose restitution is right; in the loop, the
-rate is turned round by hand.
+``solimpfriction`` and ``solreffriction`` are as stiff as the solver accepts: with the defaults a
+sticking joint creeps. Stops: a joint range with a ``solreflimit`` that yields the restitution; the
+loop reverses the rate itself.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from cylconn_ros.bench.common.errors import LeftOutError
+from cylconn_ros.bench.common.errors import NotApplicableError
 from cylconn_ros.bench.common.frames import rotation
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, length
+from cylconn_ros.bench.peers.common import Coulomb, Spring, Stops
 from cylconn_ros.bench.peers.mujoco_scene import MujocoScene
-from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, milder
+from cylconn_ros.bench.peers.solver import (
+    Array,
+    EndState,
+    Problem,
+    Solve,
+    Solver,
+    calibration_scene,
+)
 from cylconn_ros.scene.scene import Scene
 
-FITTED_AT = 1e-3  # s
-SMALL = 1e-9  # m/s: at rest
+CALIBRATION_STEP = 1e-3  # s
+REST_SPEED = 1e-9  # m/s: below it, slide and hinge both get the whole limit
 
 
-class Peer(MujocoScene):
-    """A task in MuJoCo."""
+class MujocoSolver(MujocoScene):
+    """A problem in MuJoCo; ``limits``: the model has the stops."""
 
-    def __init__(self, task: Task, integrator: str, friction: float, limits: bool) -> None:
-        scene = task.scene
-        super().__init__(scene, friction, integrator, task.value, _slide(scene, task.value, limits))
-        if scene.friction.on:  # after the model is made: both joints alike
-            self.model.dof_solimp[-2:, :2] = 0.9999
-            self.model.dof_solref[-2:] = 2.0 * task.value, 1.0
-        self.task, self.joint, self.law = task, Joint(scene), Coulomb(scene)
-        self.stops = Stops(scene, length(scene))
-        self.first = self.friction_now() if self.law.on else 0.0
+    def __init__(self, problem: Problem, integrator: str, limits: bool) -> None:
+        scene = problem.scene
+        attributes = _slide_attributes(scene, problem.value, limits)
+        super().__init__(scene, 0.0, integrator, problem.value, attributes)
+        if scene.friction.on:
+            self.harden_friction()
+        self.problem, self.law = problem, Coulomb(scene)
+        self.stops = Stops(scene)
+        self.initial_limit = 0.0
+        if self.law.on:
+            self.set_friction(0.0, 0.0)
+            self.mujoco.mj_forward(self.model, self.data)
+            self.initial_limit = self.friction_limit(self.law)
 
-    def looped(self) -> Read:
-        """All steps, each with the friction of the last one's reaction."""
+    def set_limit(self, limit: float) -> None:
+        """Set one constant friction limit (N) for slide and hinge."""
+        self.set_friction(limit, limit * self.law.radius)
+
+    def solve_in_loop(self) -> EndState:
+        """All steps, each with the friction limit of the previous step's reaction."""
         self.reset()
-        mujoco, model, data, law = self.mujoco, self.model, self.data, self.law
-        mj_step, reaction = mujoco.mj_step, mujoco.mj_rnePostConstraint
-        loss, qvel, qpos = model.dof_frictionloss, data.qvel, data.qpos
-        body, at = model.body("b").id, data.subtree_com[model.body("a").id]
-        limit = self.first
-        for _ in range(self.task.steps):
+        model, data, law, stops = self.model, self.data, self.law, self.stops
+        mj_step, qvel, qpos = self.mujoco.mj_step, data.qvel, data.qpos
+        friction, limit = model.dof_frictionloss, self.initial_limit
+        for _ in range(self.problem.steps):
             if law.on:
                 v, w = qvel[-2:].tolist()
-                loss[-2:] = law.shares(limit, v, w, SMALL)
+                friction[-2:] = law.split(limit, v, w, REST_SPEED)
             mj_step(model, data)
             if law.on:
-                reaction(model, data)
-                limit = self.limit(data.cfrc_int[body].tolist(), at.tolist())
-            if self.stops.on:
-                bounced = self.stops.bounced(float(qpos[-2]), float(qvel[-2]))
-                if bounced:
-                    qpos[-2], qvel[-2] = bounced
-        return self.end
+                limit = self.friction_limit(law)
+            if stops.on:
+                impact = stops.impact(float(qpos[-2]), float(qvel[-2]))
+                if impact:
+                    qpos[-2], qvel[-2] = impact
+        return self.end_state
 
-    def friction_now(self) -> float:
-        """The limit at the start, friction itself left out."""
-        self.model.dof_frictionloss[-2:] = 0.0
-        self.mujoco.mj_forward(self.model, self.data)
-        self.mujoco.mj_rnePostConstraint(self.model, self.data)
-        body = self.model.body("b").id
-        at = self.data.subtree_com[self.model.body("a").id]
-        return self.limit(self.data.cfrc_int[body].tolist(), at.tolist())
-
-    def limit(self, reaction: list[float], about: list[float]) -> float:
-        """Mu FN of a reaction as MuJoCo has it: torque about a tree's mass centre, force."""
-        mx, my, mz, fx, fy, fz = reaction
-        hx, hy, hz = self.data.xanchor[-1].tolist()
-        dx, dy, dz = about[0] - hx, about[1] - hy, about[2] - hz
-        moment = (mx + dy * fz - dz * fy, my + dz * fx - dx * fz, mz + dx * fy - dy * fx)
-        return self.law.limit((fx, fy, fz), moment, self.data.xaxis[-1].tolist())
-
-    def run_through(self) -> Read:
+    def solve_in_one_call(self) -> EndState:
         """All steps in one call."""
         self.reset()
-        self.run(self.task.steps)
-        return self.end
+        self.run(self.problem.steps)
+        return self.end_state
 
-    def end(self) -> Array:
-        """(26,) at the end."""
+    def end_state(self) -> Array:
+        """(26,) poses and twists after the last step."""
         qpos, qvel, joint = self.data.qpos, self.data.qvel, self.joint
         slide, spin = qpos[-2:].tolist()
         if not joint.free:
@@ -100,102 +96,98 @@ class Peer(MujocoScene):
         return joint.state(pose, twist, slide, spin, qvel[-2:].tolist())
 
 
-def _slide(scene: Scene, h: float, limits: bool) -> str:
-    """The slide's spring and stops."""
-    text = []
-    start = length(scene)
+def _slide_attributes(scene: Scene, h: float, limits: bool) -> str:
+    """MJCF attributes of the slide for its spring and stops; h: the step, s."""
+    attributes = []
     spring = Spring(scene)
     if spring.stiffness:
-        text.append(f'stiffness="{spring.stiffness!r}" springref="{spring.slack!r}"')
-    stops = Stops(scene, start)
+        attributes.append(f'stiffness="{spring.stiffness!r}" springref="{spring.rest!r}"')
+    stops = Stops(scene)
     if limits and stops.on:
-        # A contact of ten steps whose damping leaves the restitution.
+        # A contact that lasts ten steps, with the damping ratio that yields the restitution.
         stiffness = (math.pi / (10.0 * h)) ** 2
         loss = -math.log(max(stops.restitution, 1e-3))
         ratio = loss / math.hypot(math.pi, loss)
         damping = 2.0 * ratio * math.sqrt(stiffness)
-        text.append(
+        attributes.append(
             f'limited="true" range="{stops.low!r} {stops.high!r}" '
             f'solreflimit="{-stiffness!r} {-damping!r}" solimplimit="0.9999 0.9999 0.001"'
         )
-    return " ".join(text)
+    return " ".join(attributes)
 
 
-def _variant(
-    integrator: str, how: Callable[[Task, str], tuple[Peer, Solve]]
-) -> Callable[[Task], Solve]:
-    return lambda task: how(task, integrator)[1]
+def _loop(integrator: str, problem: Problem) -> Solve:
+    solver = MujocoSolver(problem, integrator, limits=False)
+    if not solver.law.on and not solver.stops.on:
+        raise NotApplicableError("no friction and no stops: a loop has nothing to do")
+    return solver.solve_in_loop
 
 
-def _loop(task: Task, integrator: str) -> tuple[Peer, Solve]:
-    peer = Peer(task, integrator, 0.0, limits=False)
-    if not peer.law.on and not peer.stops.on:
-        raise LeftOutError("nothing to do in a loop: no friction, no stops")
-    return peer, peer.looped
+def _constant(integrator: str, problem: Problem) -> Solve:
+    solver = MujocoSolver(problem, integrator, limits=True)
+    solver.set_limit(solver.initial_limit)
+    return solver.solve_in_one_call
 
 
-def _constant(task: Task, integrator: str) -> tuple[Peer, Solve]:
-    peer = Peer(task, integrator, 0.0, limits=True)
-    return _set(peer, peer.first), peer.run_through
+_CALIBRATED: dict[tuple[object, ...], float] = {}
+"""Calibrated friction limits (N) by scene, duration and calibration data."""
 
 
-def _set(peer: Peer, limit: float) -> Peer:
-    peer.model.dof_frictionloss[-2:] = limit, limit * peer.law.radius
-    return peer
+def _calibrated(integrator: str, problem: Problem) -> Solve:
+    if not problem.scene.friction.on:
+        raise NotApplicableError("no friction: nothing to calibrate")
+    key = problem.name, problem.duration, *problem.calibration.values()
+    if key not in _CALIBRATED:
+        _CALIBRATED[key] = calibrate(
+            Problem(
+                problem.name, calibration_scene(problem.scene), problem.duration,
+                CALIBRATION_STEP, problem.calibration,
+            )
+        )  # fmt: skip
+    solver = MujocoSolver(problem, integrator, limits=True)
+    solver.set_limit(_CALIBRATED[key])
+    return solver.solve_in_one_call
 
 
-_FITTED: dict[tuple[object, ...], float] = {}
+def calibrate(problem: Problem) -> float:
+    """The constant friction limit (N) whose final slide and spin are nearest to the calibration.
 
-
-def _calibrated(task: Task, integrator: str) -> tuple[Peer, Solve]:
-    if not task.scene.friction.on:
-        raise LeftOutError("nothing to calibrate: no friction")
-    key = task.name, task.duration, *task.truth.values()
-    if key not in _FITTED:
-        mild = Task(task.name, milder(task.scene), task.duration, FITTED_AT, task.truth)
-        _FITTED[key] = fit(mild)
-    fitted = _FITTED[key]
-    peer = _set(Peer(task, integrator, 0.0, limits=True), fitted)
-    return peer, peer.run_through
-
-
-def fit(task: Task) -> float:
-    """The constant whose slide and spin at the end come nearest to the task's truth.
-
-    A coarse search over three decades about the start's limit, then golden sections.
+    A grid search over three decades around the initial limit, then golden-section search.
     """
-    peer = Peer(task, "implicitfast", 0.0, limits=True)
+    solver = MujocoSolver(problem, "implicitfast", limits=True)
 
-    def off(logarithm: float) -> float:
-        _set(peer, peer.first * math.exp(logarithm)).run_through()
-        slide, spin = peer.slide()
-        ways = slide - task.truth.get("slide", slide), spin - task.truth.get("spin", spin)
-        return math.hypot(ways[0], peer.law.radius * ways[1])
+    def error(logarithm: float) -> float:
+        solver.set_limit(solver.initial_limit * math.exp(logarithm))
+        solver.solve_in_one_call()
+        slide, spin = solver.slide()
+        of_slide = slide - problem.calibration.get("slide", slide)
+        of_spin = spin - problem.calibration.get("spin", spin)
+        return math.hypot(of_slide, solver.law.radius * of_spin)
 
     grid = np.linspace(-3.5, 3.5, 57)
-    best = int(np.argmin([off(x) for x in grid]))
+    best = int(np.argmin([error(x) for x in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     for _ in range(40):
         left, right = high - golden * (high - low), low + golden * (high - low)
-        if off(left) <= off(right):
+        if error(left) <= error(right):
             high = right
         else:
             low = left
-    return float(peer.first * math.exp(0.5 * (low + high)))
+    return float(solver.initial_limit * math.exp(0.5 * (low + high)))
 
 
 INTEGRATORS = ("Euler", "implicitfast", "RK4")
-SETUPS: tuple[tuple[str, str, Any], ...] = (
-    ("constant", "frictionloss of the start's normal force", _constant),
+VARIANTS: tuple[tuple[str, str, Callable[[str, Problem], Solve]], ...] = (
+    ("constant", "frictionloss from the initial normal force", _constant),
     ("calibrated", "one frictionloss, fitted to the scene at 0.8 of its speed", _calibrated),
-    ("loop", "frictionloss of the last step's reaction, from Python", _loop),
+    ("loop", "frictionloss from the reaction of the last step, set from Python", _loop),
 )
-CONTESTANTS = tuple(
-    Contestant(
-        f"MuJoCo {integrator}, {name}", "mujoco", "simulator", "step", about,
-        _variant(integrator, how),
+SOLVERS = tuple(
+    Solver(
+        f"MuJoCo {integrator}, {name}", "mujoco", "simulator", "step", description,
+        partial(prepare, integrator),
     )
     for integrator in INTEGRATORS
-    for name, about, how in SETUPS
+    for name, description, prepare in VARIANTS
 )  # fmt: skip

@@ -1,46 +1,33 @@
-"""MuJoCo on a scene: the same two bodies, and slide and hinge on one axis between them.
+"""MuJoCo model of a scene: two bodies with a slide and a hinge on one axis between them.
 
-MuJoCo has no cylindrical joint; two joints of one body on one axis are what its user would write.
-They are generalised coordinates: the constraint cannot drift. Friction of a joint is a constant
-(``frictionloss``), each component by itself; it is calibrated on the mean of the true limit. There
-are no contacts, sensors or pictures to pay for.
+MuJoCo has no cylindrical joint; a user would write two joints of one body on one axis. They are
+generalised coordinates, so the constraint cannot drift. Joint friction in MuJoCo is a constant per
+joint (``frictionloss``), for slide and hinge separately. The model has no contacts, sensors or
+visuals.
 """
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cylconn_ros.bench.common.errors import AbsentError
-from cylconn_ros.bench.common.frames import inside, inverse, outside, product, rotation
+from cylconn_ros.bench.common.frames import rotation
+from cylconn_ros.bench.peers.common import Coulomb, Joint
+from cylconn_ros.bench.peers.solver import Array, package
 from cylconn_ros.scene.scene import Body, Scene
-
-Array = NDArray[np.float64]
-Steps = Callable[[int], None]
-"""Does n steps."""
-
-
-def module() -> Any:
-    """MuJoCo itself; raises AbsentError."""
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError:
-        raise AbsentError("mujoco is not installed: pip install '.[bench]' brings it") from None
 
 
 class MujocoScene:
-    """A scene in MuJoCo, at its start.
+    """A scene in MuJoCo, at its initial state.
 
     Args:
-        friction: constant friction force (N) on the slide; times R on the hinge.
-        integrator: Euler, RK4 or implicitfast. timestep: s; the scene's period by default.
-        slide: more attributes of the slide's joint, as MJCF.
+        friction: constant friction force on the slide, N; times R on the hinge.
+        integrator: Euler, RK4 or implicitfast. timestep: s; by default the period of the scene.
+        slide: additional MJCF attributes of the slide joint.
 
-    Raises AbsentError, and ValueError for a scene that is not a free body B on a fixed or free A.
+    Raises NotInstalledError, and NotApplicableError unless body B is free and body A is fixed or
+    free.
     """
 
     def __init__(
@@ -51,34 +38,57 @@ class MujocoScene:
         timestep: float | None = None,
         slide: str = "",
     ) -> None:
-        self.mujoco = module()
-        self.scene = scene
-        self.free = scene.body_a.kind == "free"
+        self.mujoco = package("mujoco", "bench")
+        self.scene, self.joint = scene, Joint(scene)
+        self.timestep = timestep or scene.period
         self.model = self.mujoco.MjModel.from_xml_string(
-            document(scene, friction, integrator, timestep or scene.period, slide)
+            mjcf(self.joint, friction, integrator, self.timestep, slide)
         )
         self.data = self.mujoco.MjData(self.model)
-        self.start = _velocities(scene)
+        self._start = _initial_velocities(self.joint)
+        body, root = self.model.body("b").id, self.model.body("a").id
+        self._reaction = self.data.cfrc_int[body]  # torque, force
+        self._reaction_point = self.data.subtree_com[root]
+        self._anchor, self._axis = self.data.xanchor[-1], self.data.xaxis[-1]
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start of the scene."""
+        """Return to the initial state."""
         self.mujoco.mj_resetData(self.model, self.data)
-        self.data.qvel[:] = self.start
+        self.data.qvel[:] = self._start
 
     def step(self, n: int) -> None:
-        """N steps, one call from Python each."""
+        """Run n steps, one call from Python per step."""
         step, model, data = self.mujoco.mj_step, self.model, self.data
         for _ in range(n):
             step(model, data)
 
     def run(self, n: int) -> None:
-        """N steps in one call."""
+        """Run n steps in one call."""
         self.mujoco.mj_step(self.model, self.data, n)
 
     def slide(self) -> tuple[float, float]:
         """Slide (m) and spin (rad) since the start."""
         return float(self.data.qpos[-2]), float(self.data.qpos[-1])
+
+    def harden_friction(self) -> None:
+        """Make joint friction as stiff as the solver accepts; with the defaults stick creeps."""
+        self.model.dof_solimp[-2:, :2] = 0.9999
+        self.model.dof_solref[-2:] = 2.0 * self.timestep, 1.0
+
+    def set_friction(self, slide: float, hinge: float) -> None:
+        """Set the friction of the slide (N) and of the hinge (N.m)."""
+        self.model.dof_frictionloss[-2:] = slide, hinge
+
+    def friction_limit(self, law: Coulomb) -> float:
+        """Friction limit mu FN (N) of the reaction in the last step."""
+        self.mujoco.mj_rnePostConstraint(self.model, self.data)
+        mx, my, mz, fx, fy, fz = self._reaction.tolist()  # torque about the tree's centre of mass
+        px, py, pz = self._reaction_point.tolist()
+        hx, hy, hz = self._anchor.tolist()
+        dx, dy, dz = px - hx, py - hy, pz - hz
+        moment = (mx + dy * fz - dz * fy, my + dz * fx - dx * fz, mz + dx * fy - dy * fx)
+        return law.limit((fx, fy, fz), moment, self._axis.tolist())
 
     def state(self) -> Array:
         """(26,) poses and twists of both bodies as in a sample."""
@@ -87,7 +97,7 @@ class MujocoScene:
         state[0:7] = self.scene.initial_pose(0)
         velocity = np.zeros(6)
         for name, at in (("a", 0), ("b", 13)):
-            if name == "b" or self.free:
+            if name == "b" or self.joint.free:
                 body = self.model.body(name).id
                 state[at : at + 3] = self.data.xpos[body]
                 w, x, y, z = self.data.xquat[body]
@@ -95,52 +105,35 @@ class MujocoScene:
                 self.mujoco.mj_objectVelocity(
                     self.model, self.data, self.mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0
                 )
-                state[at + 7 : at + 10] = velocity[3:]  # MuJoCo has the rotation first
+                state[at + 7 : at + 10] = velocity[3:]  # MuJoCo has the angular velocity first
                 state[at + 10 : at + 13] = velocity[:3]
         return state
 
 
-def document(
-    scene: Scene, friction: float, integrator: str, timestep: float, slide: str = ""
-) -> str:
-    """The scene as MJCF; ``slide``: more attributes of the slide's joint.
-
-    Raises ValueError for a scene that this does not cover.
-    """
-    a, b = scene.body_a, scene.body_b
-    if b.kind != "free" or a.kind not in ("free", "fixed"):
-        raise ValueError("needs a free body B on a fixed or free body A")
-    pose_a, pose_b = scene.initial_pose(0), scene.initial_pose(1)
-    turn = product(inverse(pose_b[3:]), pose_a[3:])
-    axis = rotation(turn) @ rotation(scene.node_a.orientation)[:, 0]
-    place = inside(pose_a, pose_b[:3])
+def mjcf(joint: Joint, friction: float, integrator: str, timestep: float, slide: str = "") -> str:
+    """The scene of a joint as MJCF; ``slide``: additional attributes of the slide joint."""
+    scene = joint.scene
     radius = scene.friction.radius if scene.friction.on else 0.0
-    common = f'pos="{_text(scene.node_b.position)}" axis="{_text(axis)}"'
-    rotor = f"""<body name="b" pos="{_text(place)}" quat="{_wxyz(inverse(turn))}">{_inertial(b)}
+    common = f'pos="{_text(joint.node_b)}" axis="{_text(joint.axis_b)}"'
+    pose = f'pos="{_text(joint.position)}" quat="{_wxyz(joint.orientation)}"'
+    body_b = f"""<body name="b" {pose}>{_inertial(scene.body_b)}
         <joint type="slide" {common} frictionloss="{friction!r}" {slide}/>
         <joint type="hinge" {common} frictionloss="{friction * radius!r}"/></body>"""
-    free = f"<freejoint/>{_inertial(a)}" if a.kind == "free" else ""
+    free = f"<freejoint/>{_inertial(scene.body_a)}" if joint.free else ""
+    a = joint.pose_a
     return f"""<mujoco>
       <option timestep="{timestep!r}" integrator="{integrator}" gravity="{_text(scene.gravity)}"/>
-      <worldbody><body name="a" pos="{_text(pose_a[:3])}" quat="{_wxyz(pose_a[3:])}">{free}
-        {rotor}</body></worldbody></mujoco>"""
+      <worldbody><body name="a" pos="{_text(a[:3])}" quat="{_wxyz(a[3:])}">{free}
+        {body_b}</body></worldbody></mujoco>"""
 
 
-def _velocities(scene: Scene) -> Array:
-    """MuJoCo's qvel at the start: of A where it is free, of slide and spin."""
-    pose_a, pose_b = scene.initial_pose(0), scene.initial_pose(1)
-    twist_a, twist_b = np.array(scene.initial_twist(0)), np.array(scene.initial_twist(1))
-    turn_a = rotation(pose_a[3:])
-    axis = turn_a @ rotation(scene.node_a.orientation)[:, 0]
-    xb = outside(pose_b, scene.node_b.position)
-    if scene.body_a.kind == "fixed":
-        twist_a = np.zeros(6)
-    at_b = twist_b[:3] + np.cross(twist_b[3:], xb - pose_b[:3])
-    of_a = twist_a[:3] + np.cross(twist_a[3:], xb - pose_a[:3])
-    relative = [axis @ (at_b - of_a), axis @ (twist_b[3:] - twist_a[3:])]
-    if scene.body_a.kind == "fixed":
+def _initial_velocities(joint: Joint) -> Array:
+    """Initial qvel: of A if it is free (angular velocity in body axes), then slide and spin."""
+    relative = [joint.slide_rate, joint.spin_rate]
+    if not joint.free:
         return np.array(relative)
-    return np.array([*twist_a[:3], *(turn_a.T @ twist_a[3:]), *relative])
+    angular = rotation(joint.pose_a[3:]).T @ joint.twist_a[3:]
+    return np.array([*joint.twist_a[:3], *angular, *relative])
 
 
 def _inertial(body: Body) -> str:

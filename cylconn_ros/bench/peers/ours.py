@@ -1,8 +1,9 @@
-"""Our methods: in the compiled closed loop with the exact plant, and ``minimal`` as a simulation.
+"""The methods of this package as solvers.
 
-In the loop only wrenches go out, held over a step; the plant moves both bodies. ``minimal`` offline
-owns the motion and takes a tolerance of its steps instead. Where the scene states a ``tolerance``,
-method and steps follow from it.
+Live methods run in the compiled closed loop with the exact plant: their wrenches, held over a step,
+are all that couples them to the bodies. ``minimal`` integrates the whole motion to a step
+tolerance. The third kind of solver sets the scene's parameter ``tolerance``, which selects method
+and step.
 """
 
 from __future__ import annotations
@@ -12,117 +13,124 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cylconn_ros.bench.common.methods import METHODS, served_by, with_period
+from cylconn_ros.bench.common.methods import METHODS, with_method, with_period
 from cylconn_ros.bench.peers import loop
-from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task
-from cylconn_ros.bench.step_cost.whole_motion_minimal import Prepared
-from cylconn_ros.core import layout, model, plant
-from cylconn_ros.methods.dispatch import NAMES
+from cylconn_ros.bench.peers.solver import EndState, Problem, Solve, Solver
+from cylconn_ros.core import layout, model
+from cylconn_ros.methods.minimal import dense_output
+from cylconn_ros.methods.minimal.events import LOG_WIDTH
+from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.minimal import initial
 from cylconn_ros.simulation.plant import Plant
 from cylconn_ros.simulation.to_tolerance import motion
 
-STATED = "tolerance stated"
-ABOUT = {
-    "penalty": "gains by a rule: 0.05 m/h^2, 0.3 m/h",
-    "augmented_lagrangian": "gains by the same rule",
-    "baumgarte": "accelerations with feedback, regularised friction",
-    "impulse": "the default with known inertia",
-    "minimal": "the mean wrench of the coming step",
-}
+MINIMAL, TOLERANCE = "minimal", "tolerance parameter"
+GAINS = "; gains by a rule: 0.05 m/h^2, 0.3 m/h"
+MAX_STEPS = 1_000_000
+MAX_EVENTS = 100
 
 
-class Loop:
-    """A scene in the compiled closed loop; called, it runs from the start.
+class ClosedLoop:
+    """A scene in the compiled closed loop; each call runs it from its start.
 
-    ``answered``: steps of the last run whose answer was OK.
+    ``good``: number of steps with status OK in the last run.
     """
 
     def __init__(self, scene: Scene, steps: int) -> None:
-        method = scene.method
-        self.closed = _live_minimal if method == "minimal" else loop.closed
-        self.method, self.steps = NAMES[method], steps
-        moved = Plant(scene)
-        self.par, self.of_plant = pack(scene), pack(scene, plant=True)
-        self.start, self.loads, self.h = moved.state.copy(), moved.loads, scene.period
+        self.method, self.steps = TRAITS[scene.method].number, steps
+        bodies = Plant(scene)
+        self.par, self.plant_par = pack(scene), pack(scene, plant=True)
+        self.start, self.loads, self.h = bodies.state.copy(), bodies.loads, scene.period
         self.state = self.start.copy()
         self.mem, self.sample = np.zeros(model.NMEM), np.zeros(layout.NSAMPLE)
         self.a, self.b, self.out = np.zeros(6), np.zeros(6), np.zeros(layout.NOUT)
-        self.answered = 0
+        self.good = 0
 
-    def __call__(self) -> Read:
-        """All steps."""
+    def __call__(self) -> EndState:
+        """Run all steps."""
         self.state[:] = self.start
         self.mem[:] = 0.0
-        self.answered = self.closed(
-            self.method, self.par, self.of_plant, self.mem, self.sample, self.loads, self.state,
+        self.good = loop.closed(
+            self.method, self.par, self.plant_par, self.mem, self.sample, self.loads, self.state,
             self.a, self.b, self.h, self.steps, self.out,
         )  # fmt: skip
         return lambda: self.state
 
 
-def _live_minimal(
-    method: int, par: Array, of_plant: Array, mem: Array, sample: Array, loads: Array, state: Array,
-    a: Array, b: Array, h: float, steps: int, out: Array,
-) -> int:  # fmt: skip
-    """As loop.closed, from Python: compiling an integrator once more takes a minute."""
-    from cylconn_ros.methods.minimal import entry
+class Minimal:
+    """A scene in its joint coordinates; each call integrates it from its start.
 
-    good, wrench_a, wrench_b = 0, out[layout.FORCE_A :][:6], out[layout.FORCE_B :][:6]
-    sample[layout.LOADS] = loads
-    motion = sample[layout.MOTION]
-    for _ in range(steps):
-        motion[:] = state
-        good += entry.step(method, par, mem, sample, h, out) == layout.OK
-        plant.step(of_plant, state, wrench_a, wrench_b, loads, h)
-    return good
+    The same solution as :func:`cylconn_ros.simulation.minimal.solve`, without building the model:
+    the models of the peer solvers are not timed either.
+
+    ``rows`` (2, WIDTH): start and end of the last solution, see methods/minimal/dense_output.py.
+    Raises RuntimeError if the end is not reached.
+    """
+
+    def __init__(self, scene: Scene, duration: float, rtol: float) -> None:
+        self.times, self.rtol = np.array([0.0, duration]), rtol
+        self.par, self.joint, self.start = initial(scene)
+        self.y = self.start.copy()
+        self.rows = np.zeros((2, dense_output.WIDTH))
+        self.log = np.zeros((MAX_EVENTS, LOG_WIDTH))
+
+    def __call__(self) -> EndState:
+        """Integrate from the start to the end."""
+        self.y[:] = self.start
+        ran = dense_output.trajectory(
+            self.par, self.joint, self.y, self.times, self.rtol, 0.1 * self.times[1] + 1e-9,
+            self.rows, self.log, MAX_STEPS,
+        )  # fmt: skip
+        if not ran.complete:
+            raise RuntimeError(f"stopped at t = {ran.t:.9g} s")
+        return lambda: self.rows[-1, :26]
 
 
-def looped(method: str) -> Callable[[Task], Solve]:
-    """How ``method`` is prepared in the closed loop."""
+def in_closed_loop(method: str) -> Callable[[Problem], Solve]:
+    """The ``prepare`` function of a live method."""
 
-    def prepare(task: Task) -> Solve:
-        return Loop(served_by(with_period(task.scene, task.value), method), task.steps)
+    def prepare(problem: Problem) -> Solve:
+        scene = with_method(with_period(problem.scene, problem.value), method)
+        return ClosedLoop(scene, problem.steps)
 
     return prepare
 
 
-def offline(task: Task) -> Solve:
+def minimal(problem: Problem) -> Solve:
     """The whole motion by ``minimal``."""
-    scene = dataclasses.replace(task.scene, method="minimal")
-    prepared = Prepared(scene, task.duration, task.value)
-
-    def solve() -> Read:
-        prepared()
-        return lambda: prepared.rows[-1, :26]
-
-    return solve
+    scene = dataclasses.replace(problem.scene, method="minimal")
+    return Minimal(scene, problem.duration, problem.value)
 
 
-def stated(task: Task) -> Solve:
-    """What a scene's ``tolerance`` chooses; choosing is not timed, as models are not."""
+def to_tolerance(problem: Problem) -> Solve:
+    """Method and step selected by the parameter ``tolerance``; the selection is not timed."""
     scene = dataclasses.replace(
-        task.scene, method="auto", tolerance=task.value, period=task.duration
+        problem.scene, method="auto", tolerance=problem.value, period=problem.duration
     )
     _, chosen = motion(scene, 1)
     if chosen.method == "minimal":
-        return offline(dataclasses.replace(task, value=chosen.step_tolerance))
-    return looped("impulse")(dataclasses.replace(task, value=task.duration / chosen.substeps))
+        return minimal(dataclasses.replace(problem, value=chosen.step_tolerance))
+    step = problem.duration / chosen.substeps
+    return in_closed_loop("impulse")(dataclasses.replace(problem, value=step))
 
 
-CONTESTANTS = (
+def _description(method: str) -> str:
+    traits = TRAITS[method]
+    return traits.summary + (GAINS if traits.uses_gains else "")
+
+
+SOLVERS = (
     *(
-        Contestant(
-            f"{name}, live" if name == "minimal" else name,
-            "ours", "ours", "step", ABOUT[name], looped(name),
-        )
+        Solver(name, "ours", "own", "step", _description(name), in_closed_loop(name))
         for name in METHODS
     ),
-    Contestant(
-        "minimal", "ours", "ours", "tolerance", "a simulation: adaptive, events located", offline
+    Solver(
+        MINIMAL, "ours", "own", "tolerance", "a simulation: adaptive steps, located events", minimal
     ),
-    Contestant(
-        STATED, "ours", "ours", "tolerance", "`tolerance` in the scene, the rest follows", stated
+    Solver(
+        TOLERANCE, "ours", "own", "tolerance", "the scene's `tolerance` selects method and step",
+        to_tolerance,
     ),
 )  # fmt: skip

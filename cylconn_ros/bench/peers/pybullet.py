@@ -1,10 +1,10 @@
-"""PyBullet: a multibody of prismatic and revolute joint, friction by motors that want to stand.
+"""PyBullet: a multibody with a prismatic and a revolute joint, friction by velocity motors.
 
-A velocity motor with target 0 and the friction's limit as its greatest force is what PyBullet's
-users brake a joint with: its solver holds implicitly. The limit is that of the last step's
-reaction, shared by slide and spin as the slip is. The reaction is what changed B's momentum over
-the step: the force-torque sensor counts gyroscopic torques twice. Damping, sleeping and the
-solver's early end are switched off.
+PyBullet's users brake a joint with a velocity motor whose target is 0 and whose maximum force is
+the friction limit: the constraint solver then sticks implicitly. The limit is that of the previous
+step's reaction, split between slide and spin in proportion to the slip. The reaction follows from
+the change of B's momentum over the step, because the force-torque sensor counts gyroscopic torques
+twice. Damping, sleeping and early termination of the solver are switched off.
 """
 
 from __future__ import annotations
@@ -13,44 +13,43 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cylconn_ros.bench.common.frames import product, quaternion, rotation, tensor
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, length
-from cylconn_ros.bench.peers.solver import Array, Contestant, Read, Solve, Task, package
+from cylconn_ros.bench.common.frames import inertia_tensor, product, quaternion, rotation
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops
+from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.scene.scene import Body
 
 ITERATIONS = 100
-SMALL = 1e-9  # m/s: at rest
+REST_SPEED = 1e-9  # m/s: below it, slide and spin both get the whole limit
 
 
-class Peer:
-    """A task in PyBullet, in a client of its own."""
+class PyBulletSolver:
+    """A problem in PyBullet, in its own physics client."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, problem: Problem) -> None:
         self.bullet = bullet = package("pybullet")
-        self.task, scene = task, task.scene
+        self.problem, scene = problem, problem.scene
         self.joint, self.law = Joint(scene), Coulomb(scene)
-        self.stops = Stops(scene, length(scene))
-        self.spring = Spring(scene)
+        self.stops, self.spring = Stops(scene), Spring(scene)
         self.client = bullet.connect(bullet.DIRECT)
-        self.body = self._made()
+        self.body = self._build()
         self.saved = bullet.saveState(physicsClientId=self.client)
         self.axis = self.joint.axis_b.tolist()
         self.mass = scene.body_b.mass
         self.moments = _principal(scene.body_b)[1].tolist()
         self.weight = [self.mass * g for g in scene.gravity]
-        self.first = self._first_limit()
+        self.initial_limit = self._initial_limit()
 
-    def _made(self) -> int:
-        bullet, joint, scene, at = self.bullet, self.joint, self.task.scene, self.client
+    def _build(self) -> int:
+        bullet, joint, scene, at = self.bullet, self.joint, self.problem.scene, self.client
         bullet.setGravity(*scene.gravity, physicsClientId=at)
         bullet.setPhysicsEngineParameter(
-            fixedTimeStep=self.task.value, numSubSteps=0, numSolverIterations=ITERATIONS,
+            fixedTimeStep=self.problem.value, numSubSteps=0, numSolverIterations=ITERATIONS,
             solverResidualThreshold=0.0, deterministicOverlappingPairs=1, physicsClientId=at,
         )  # fmt: skip
         a, b = scene.body_a, scene.body_b
         axes_a, moments_a = _principal(a) if joint.free else (np.array([0.0, 0.0, 0.0, 1.0]), None)
         axes_b, moments_b = _principal(b)
-        hub = joint.place + rotation(joint.turn) @ joint.node_b
+        joint_position = joint.position + rotation(joint.orientation) @ joint.node_b
         com_a = np.array(a.com) if joint.free else np.zeros(3)
         body: int = bullet.createMultiBody(
             baseMass=a.mass if joint.free else 0.0,
@@ -61,8 +60,8 @@ class Peer:
             linkMasses=[0.0, b.mass],
             linkCollisionShapeIndices=[-1, -1],
             linkVisualShapeIndices=[-1, -1],
-            linkPositions=[hub.tolist(), [0.0, 0.0, 0.0]],
-            linkOrientations=[joint.turn.tolist(), [0.0, 0.0, 0.0, 1.0]],
+            linkPositions=[joint_position.tolist(), [0.0, 0.0, 0.0]],
+            linkOrientations=[joint.orientation.tolist(), [0.0, 0.0, 0.0, 1.0]],
             linkInertialFramePositions=[[0.0] * 3, (np.array(b.com) - joint.node_b).tolist()],
             linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0], axes_b.tolist()],
             linkParentIndices=[0, 1],
@@ -90,28 +89,28 @@ class Peer:
 
     def _set_rates(self, body: int) -> None:
         bullet, joint, at = self.bullet, self.joint, self.client
-        if joint.free:  # PyBullet's is the velocity of the mass centre
-            arm = rotation(joint.pose_a[3:]) @ np.array(self.task.scene.body_a.com)
+        if joint.free:  # PyBullet has the velocity of the centre of mass
+            arm = rotation(joint.pose_a[3:]) @ np.array(self.problem.scene.body_a.com)
             velocity = joint.twist_a[:3] + np.cross(joint.twist_a[3:], arm)
             bullet.resetBaseVelocity(
                 body, velocity.tolist(), joint.twist_a[3:].tolist(), physicsClientId=at
             )
-        for k, rate in enumerate((joint.slide, joint.spin)):
+        for k, rate in enumerate((joint.slide_rate, joint.spin_rate)):
             bullet.resetJointState(body, k, 0.0, rate, physicsClientId=at)
 
     def _momentum(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Of B: linear and angular about its mass centre; arm from node b; the axis. World axes."""
-        com, q, _, _, node, turn, velocity, spin = self.bullet.getLinkState(
+        """Momentum of B, linear and angular about its com; arm from node b; axis (world axes)."""
+        com, q, _, _, node, joint_q, velocity, omega = self.bullet.getLinkState(
             self.body, 1, 1, 1, physicsClientId=self.client
         )
-        local = _turned(_conjugate(q), spin)
-        own = _turned(q, tuple(i * w for i, w in zip(self.moments, local, strict=True)))
+        local = _rotated(_conjugate(q), omega)
+        angular = _rotated(q, tuple(i * w for i, w in zip(self.moments, local, strict=True)))
         arm = tuple(c - n for c, n in zip(com, node, strict=True))
-        return tuple(self.mass * v for v in velocity), own, arm, _turned(turn, self.axis)
+        return tuple(self.mass * v for v in velocity), angular, arm, _rotated(joint_q, self.axis)
 
     def _limit(self, before: Sequence[Floats], after: Sequence[Floats]) -> float:
-        """Mu FN of what changed the momentum in a step."""
-        h, weight = self.task.value, self.weight
+        """Friction limit mu FN (N) of the reaction that changed the momentum in a step."""
+        h, weight = self.problem.value, self.weight
         fx, fy, fz = (
             (b - a) / h - w for a, b, w in zip(before[0], after[0], weight, strict=True)
         )  # fmt: skip
@@ -120,25 +119,25 @@ class Peer:
         moment = mx + ay * fz - az * fy, my + az * fx - ax * fz, mz + ax * fy - ay * fx
         return self.law.limit((fx, fy, fz), moment, before[3])
 
-    def _first_limit(self) -> float:
-        """Of the reaction of a step that is taken back."""
+    def _initial_limit(self) -> float:
+        """Friction limit (N) of the reaction in a trial step, which is discarded."""
         if not self.law.on:
             return 0.0
         before = self._momentum()
         self.bullet.stepSimulation(physicsClientId=self.client)
         return self._limit(before, self._momentum())
 
-    def __call__(self) -> Read:
-        """All steps."""
+    def __call__(self) -> EndState:
+        """Run all steps from the start."""
         bullet, body, at, law = self.bullet, self.body, self.client, self.law
         bullet.restoreState(self.saved, physicsClientId=at)
         self._set_rates(body)
-        limit, spring, stops = self.first, self.spring, self.stops
-        v, w, slide = self.joint.slide, self.joint.spin, 0.0
+        limit, spring, stops = self.initial_limit, self.spring, self.stops
+        v, w, slide = self.joint.slide_rate, self.joint.spin_rate, 0.0
         last = self._momentum() if law.on else ()
-        for _ in range(self.task.steps):
+        for _ in range(self.problem.steps):
             if law.on:
-                for k, force in enumerate(law.shares(limit, v, w, SMALL)):
+                for k, force in enumerate(law.split(limit, v, w, REST_SPEED)):
                     bullet.setJointMotorControl2(
                         body, k, bullet.VELOCITY_CONTROL, 0, force=force, physicsClientId=at
                     )
@@ -155,13 +154,13 @@ class Peer:
                 last, before = self._momentum(), last
                 limit = self._limit(before, last)
             if stops.on:
-                bounced = stops.bounced(slide, v)
-                if bounced:
-                    bullet.resetJointState(body, 0, *bounced, physicsClientId=at)
-        return self.end
+                impact = stops.impact(slide, v)
+                if impact:
+                    bullet.resetJointState(body, 0, *impact, physicsClientId=at)
+        return self.end_state
 
-    def end(self) -> Array:
-        """(26,) at the end."""
+    def end_state(self) -> Array:
+        """(26,) poses and twists after the last step."""
         bullet, joint, at = self.bullet, self.joint, self.client
         slide, v = bullet.getJointState(self.body, 0, physicsClientId=at)[:2]
         spin, w = bullet.getJointState(self.body, 1, physicsClientId=at)[:2]
@@ -172,13 +171,13 @@ class Peer:
 
     def _base(self) -> tuple[Array, Array]:
         """Pose and twist of A's frame from those of its inertial frame."""
-        bullet, at, body_a = self.bullet, self.client, self.task.scene.body_a
-        place, turn = bullet.getBasePositionAndOrientation(self.body, physicsClientId=at)
+        bullet, at, body_a = self.bullet, self.client, self.problem.scene.body_a
+        position, orientation = bullet.getBasePositionAndOrientation(self.body, physicsClientId=at)
         velocity, spin = map(np.array, bullet.getBaseVelocity(self.body, physicsClientId=at))
         inertial = _principal(body_a)[0] * (-1.0, -1.0, -1.0, 1.0)
-        q = product(turn, inertial)
+        q = product(orientation, inertial)
         arm = rotation(q) @ np.array(body_a.com)
-        return np.array([*(np.array(place) - arm), *q]), np.array(
+        return np.array([*(np.array(position) - arm), *q]), np.array(
             [*(velocity - np.cross(spin, arm)), *spin]
         )
 
@@ -190,8 +189,8 @@ def _conjugate(q: Sequence[float]) -> Floats:
     return -q[0], -q[1], -q[2], q[3]
 
 
-def _turned(q: Sequence[float], v: Sequence[float]) -> Floats:
-    """A vector turned by a quaternion x y z w, in plain floats."""
+def _rotated(q: Sequence[float], v: Sequence[float]) -> Floats:
+    """A vector rotated by a quaternion x y z w, in plain floats."""
     x, y, z, w = q
     a, b, c = v
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
@@ -204,19 +203,19 @@ def _turned(q: Sequence[float], v: Sequence[float]) -> Floats:
 
 def _principal(body: Body) -> tuple[Array, Array]:
     """Quaternion of the principal axes in the body's frame, and the moments about them."""
-    moments, axes = np.linalg.eigh(tensor(body))
+    moments, axes = np.linalg.eigh(inertia_tensor(body))
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
     return quaternion(axes), moments
 
 
-def _prepare(task: Task) -> Solve:
-    return Peer(task)
+def _prepare(problem: Problem) -> Solve:
+    return PyBulletSolver(problem)
 
 
-CONTESTANTS = (
-    Contestant(
+SOLVERS = (
+    Solver(
         "PyBullet, loop", "pybullet", "simulator", "step",
-        "velocity motors with the limit of the last step's reaction", _prepare,
+        "velocity motors with the friction limit from the last step's reaction", _prepare,
     ),
 )  # fmt: skip

@@ -1,12 +1,12 @@
-"""Everybody who takes part, by name."""
+"""All solvers, by name."""
 
 from __future__ import annotations
 
 from cylconn_ros.bench.peers import drake, exudyn, mujoco, ours, pinocchio, pybullet, scipy
-from cylconn_ros.bench.peers.solver import Contestant
+from cylconn_ros.bench.peers.solver import Solver
 
-CONTESTANTS: dict[str, Contestant] = {
-    contestant.name: contestant
-    for room in (ours, scipy, mujoco, drake, pinocchio, pybullet, exudyn)
-    for contestant in room.CONTESTANTS
+SOLVERS: dict[str, Solver] = {
+    solver.name: solver
+    for module in (ours, scipy, mujoco, drake, pinocchio, pybullet, exudyn)
+    for solver in module.SOLVERS
 }

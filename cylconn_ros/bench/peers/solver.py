@@ -1,10 +1,11 @@
-"""What every contestant is asked, and what it answers.
+"""Interface of all solvers: prepare a problem, solve it, read the end state.
 
-    prepare(task) -> solve      solve() -> read      read() -> (26,) poses and twists at the end
+    prepare(problem) -> solve      solve() -> end_state      end_state() -> (26,) poses and twists
 
-``prepare`` builds model, equations or arrays; ``solve`` starts anew every time, and alone is timed;
-``read`` turns the end of it into what everybody is judged by. ``prepare`` may raise
-:class:`LeftOutError` or :class:`AbsentError`.
+``prepare`` builds the model, equations or arrays. ``solve`` computes the motion from its start and
+is the only timed part. ``end_state`` converts the solver's last state to poses and twists, from
+which all errors are computed. ``prepare`` may raise :class:`NotApplicableError` or
+:class:`NotInstalledError`.
 """
 
 from __future__ import annotations
@@ -18,66 +19,67 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.bench.common.errors import AbsentError
+from cylconn_ros.bench.common.errors import NotInstalledError
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
-Read = Callable[[], Array]
-Solve = Callable[[], Read]
-Kind = Literal["ours", "simulator", "hand"]
+EndState = Callable[[], Array]
+Solve = Callable[[], EndState]
+Kind = Literal["own", "simulator", "reduced"]
 
 
 @dataclass(frozen=True)
-class Task:
-    """A scene from its start for ``duration`` (s).
+class Problem:
+    """An initial value problem: a scene from its start for ``duration`` (s).
 
     Attributes
     ----------
-        name: of the scene. value: the step (s), or the relative tolerance, as ``Contestant.knob``
-        says. truth: slide (m) and spin (rad) at the end of ``milder``, for those that calibrate.
+        name: of the scene. value: step (s) or relative tolerance, see ``Solver.parameter``.
+        calibration: slide (m) and spin (rad) at the end of ``calibration_scene``, for the solvers
+            that fit a coefficient.
     """
 
     name: str
     scene: Scene
     duration: float
     value: float
-    truth: Mapping[str, float] = field(default_factory=dict)
+    calibration: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def steps(self) -> int:
-        """How many steps of ``value`` the duration has."""
+        """Number of steps of size ``value`` in the duration."""
         return round(self.duration / self.value)
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """Somebody in one set-up.
+class Solver:
+    """One solver configuration.
 
     Attributes
     ----------
-        family: whose process it runs in; also the package that it needs.
-        kind: ours, a simulator, or equations made by hand for one scene.
-        knob: what accuracy is asked by.
-        about: the set-up in a few words.
+        family: solvers of one family share a process; also the package that it needs.
+        kind: a method of this package, a simulator, or equations reduced for each scene.
+        parameter: what controls the accuracy.
+        description: the configuration in a few words.
     """
 
     name: str
     family: str
     kind: Kind
-    knob: Literal["step", "tolerance"]
-    about: str
-    prepare: Callable[[Task], Solve]
+    parameter: Literal["step", "tolerance"]
+    description: str
+    prepare: Callable[[Problem], Solve]
 
 
-def milder(scene: Scene) -> Scene:
-    """The scene at four fifths of its speed, and of its spring's deflection.
+def calibration_scene(scene: Scene) -> Scene:
+    """The scene at 0.8 of its initial speeds and of the deflection of its spring.
 
-    What a coefficient is calibrated on: one that were fitted to the very answer it is asked for
-    would not predict anything.
+    A friction coefficient is calibrated on this scene. A coefficient fitted to the scene itself
+    would predict nothing.
     """
     plant, body = scene.plant, scene.body_b
     twists = [tuple(0.8 * x for x in each.twist) for each in (plant.body_a, plant.body_b)]
-    moved = dataclasses.replace(
+    slower = dataclasses.replace(
         plant,
         body_a=dataclasses.replace(plant.body_a, twist=twists[0]),
         body_b=dataclasses.replace(plant.body_b, twist=twists[1]),
@@ -85,17 +87,17 @@ def milder(scene: Scene) -> Scene:
     pose = scene.initial_pose(1)
     if scene.elasticity.k1 > 0.0:
         body = dataclasses.replace(body, pose=(0.8 * pose[0], *pose[1:]))
-    return dataclasses.replace(scene, plant=moved, body_b=body)
+    return dataclasses.replace(scene, plant=slower, body_b=body)
 
 
 def package(name: str, extra: str = "peers") -> Any:
-    """An optional package; raises AbsentError."""
+    """Import an optional package; raises NotInstalledError."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        known = name.partition(".")[0]
-        if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith(known):
-            reason = f"{known} is not installed: pip install '.[{extra}]' brings it"
+        top = name.partition(".")[0]
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith(top):
+            reason = f"{top} is not installed: install it with pip install '.[{extra}]'"
         else:
-            reason = f"{known} cannot be imported: {error}"
-        raise AbsentError(reason) from None
+            reason = f"{top} cannot be imported: {error}"
+        raise NotInstalledError(reason) from None

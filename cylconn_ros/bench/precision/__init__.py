@@ -1,1 +1,1 @@
-"""Work-precision diagrams: error against CPU time, all solvers on all cases."""
+"""Work-precision diagrams: error of the whole motion vs. CPU time, all solvers on all cases."""

@@ -1,7 +1,7 @@
-"""The interactive page of a precision benchmark: one file, its data and its script in it.
+"""The interactive HTML page of a precision benchmark: one file with its data and script.
 
-Choose a scene, point at a set-up to see it alone, at a point to read its numbers. No network, no
-library.
+The user selects a case, points at a solver to highlight it, and at a point to read its numbers. The
+page needs no network and no library.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cylconn_ros.bench.common.results import Report
-from cylconn_ros.bench.peers.registry import CONTESTANTS
+from cylconn_ros.bench.peers.registry import SOLVERS
 from cylconn_ros.bench.precision import pareto
 from cylconn_ros.bench.precision.cases import CASES
 from cylconn_ros.bench.precision.picture import CURVES
@@ -21,42 +21,42 @@ DASHES = {"-": "", "--": "6 3", ":": "2 2"}
 
 
 def page(report: Report) -> str:
-    """The whole HTML."""
+    """The page as HTML."""
     text = json.dumps(data(report), allow_nan=False, separators=(",", ":"))
     return PAGE.replace("/*DATA*/null", text.replace("</", "<\\/"))
 
 
 def data(report: Report) -> Mapping[str, Any]:
-    """What the page draws; numbers with three digits."""
+    """The data of the page, numbers with three digits."""
     found = report.findings
-    scenes = []
-    for problem in dict.fromkeys(m.problem for m in found.measurements):
-        case = CASES[problem]
+    shown = []
+    for name in dict.fromkeys(m.case for m in found.measurements):
+        case = CASES[name]
         rows: dict[str, list[list[Any]]] = {}
-        for p in pareto.points(found, problem):
-            rows.setdefault(p.contestant, []).append(
+        for p in pareto.points(found, name):
+            rows.setdefault(p.solver, []).append(
                 [
                     *map(_short, (p.value, p.cost, p.error)),
                     p.failed,
                     *map(_short, (p.low, p.high)),
                 ]
             )
-        scenes.append(
+        shown.append(
             {
-                "name": problem, "title": case.title, "matters": case.matters,
-                "reactive": case.reactive, "source": case.source, "rows": rows,
+                "name": name, "title": case.title, "error_of": case.error_of,
+                "reaction_dependent": case.reaction_dependent, "source": case.source, "rows": rows,
             }
         )  # fmt: skip
-    looks = {}
-    for name, contestant in CONTESTANTS.items():
-        curve = next(c for c in CURVES if c.holds(name))
-        looks[name] = {
-            "color": curve.color, "dash": DASHES[curve.style], "about": contestant.about,
-            "knob": contestant.knob, "ours": contestant.kind == "ours",
+    styles = {}
+    for name, solver in SOLVERS.items():
+        curve = next(c for c in CURVES if c.contains(name))
+        styles[name] = {
+            "color": curve.color, "dash": DASHES[curve.style], "description": solver.description,
+            "parameter": solver.parameter, "own": solver.kind == "own",
         }  # fmt: skip
     return {
-        "scenes": scenes,
-        "looks": looks,
+        "cases": shown,
+        "styles": styles,
         "machine": [f"{key}: {value}" for key, value in report.machine.items()],
         "command": f"{report.command}, {report.started}",
     }
@@ -67,31 +67,31 @@ def _short(value: float) -> float | None:
 
 
 PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Error against CPU time</title>
+<html lang="en"><head><meta charset="utf-8"><title>Error vs. CPU time</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <style>
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 1.2rem; max-width: 1150px }
 h1 { font-size: 1.25rem; margin: 0 0 .4rem } p { margin: .3rem 0; color: #555 }
-#scenes button { font: inherit; margin: 2px; padding: .2rem .6rem; border: 1px solid #ccc;
+#cases button { font: inherit; margin: 2px; padding: .2rem .6rem; border: 1px solid #ccc;
   background: #fff; border-radius: 4px; cursor: pointer }
-#scenes button[aria-pressed=true] { background: #0A4A7D; color: #fff; border-color: #0A4A7D }
+#cases button[aria-pressed=true] { background: #0A4A7D; color: #fff; border-color: #0A4A7D }
 #both { display: flex; flex-wrap: wrap; gap: 1rem } #plot { flex: 1 1 640px }
 #names { flex: 0 1 300px; font-size: .86rem } #names div { cursor: pointer; padding: 1px 4px }
 #names div.off { opacity: .35; text-decoration: line-through }
 #names div:hover { background: #f0f4f8 } svg text { font: 12px system-ui, sans-serif; fill: #555 }
 #tip { min-height: 2.9em; color: #222 }
 </style></head><body>
-<h1>Error against CPU time</h1>
-<p>Both axes are logarithmic; down and left is better. Crosses on top failed. Point at a name or a
-point; click a name to switch it off.</p>
-<div id="scenes"></div><p id="about"></p>
+<h1>Error vs. CPU time</h1>
+<p>Both axes are logarithmic; lower left is better. Crosses at the top: failed. Point at a solver
+to highlight it or at a point to read its numbers; click a solver to hide it.</p>
+<div id="cases"></div><p id="about"></p>
 <div id="both"><svg id="plot" viewBox="0 0 760 520" role="img"
-aria-label="error against CPU time"></svg><div id="names"></div></div>
+aria-label="error vs. CPU time"></svg><div id="names"></div></div>
 <p id="tip"></p><details><summary>Machine and versions</summary><ul id="machine"></ul></details>
 <script>
 const data = /*DATA*/null, off = new Set(), NS = "http://www.w3.org/2000/svg";
 const at = id => document.getElementById(id), box = { l: 70, r: 745, t: 50, b: 470 };
-let scene = data.scenes[0], alone = null;
+let shown = data.cases[0], alone = null;
 function add(parent, name, attributes, text) {
   const e = document.createElementNS(NS, name);
   for (const k in attributes) e.setAttribute(k, attributes[k]);
@@ -101,7 +101,7 @@ function add(parent, name, attributes, text) {
 const log = Math.log10, LOWEST = 1e-16;
 function scales() {
   const costs = [], errors = [];
-  for (const row of Object.values(scene.rows)) for (const [, c, e, failed] of row) {
+  for (const row of Object.values(shown.rows)) for (const [, c, e, failed] of row) {
     if (c) costs.push(log(c));
     if (e !== null && !failed) errors.push(log(Math.max(e, LOWEST)));
   }
@@ -128,40 +128,41 @@ function draw() {
     "CPU time per simulated second, ms");
   add(svg, "text", { x: 12, y: 24 }, "error, m");
   add(svg, "text", { x: box.l, y: 24 }, "");
-  for (const [name, row] of Object.entries(scene.rows)) {
+  for (const [name, row] of Object.entries(shown.rows)) {
     if (off.has(name)) continue;
-    const look = data.looks[name], faint = alone && alone !== name ? .12 : 1;
+    const style = data.styles[name], faint = alone && alone !== name ? .12 : 1;
     const group = add(svg, "g", { opacity: faint });
     const good = row.filter(p => !p[3] && p[1] && p[2] !== null).sort((a, b) => a[1] - b[1]);
     add(group, "polyline", { points: good.map(p => s.x(p[1]) + "," + s.y(p[2])).join(" "),
-      fill: "none", stroke: look.color, "stroke-width": look.ours ? 2.6 : 1.3,
-      "stroke-dasharray": look.dash });
+      fill: "none", stroke: style.color, "stroke-width": style.own ? 2.6 : 1.3,
+      "stroke-dasharray": style.dash });
     for (const p of row) {
       if (!p[1]) continue;
       const x = s.x(p[1]), y = p[3] ? box.t - 12 : s.y(p[2]);
       if (p[4] !== null) add(group, "line", { x1: s.x(p[4]), x2: s.x(p[5]), y1: y, y2: y,
-        stroke: look.color, "stroke-width": 2 });
+        stroke: style.color, "stroke-width": 2 });
       const mark = p[3]
-        ? add(group, "path", { d: `M${x - 4},${y - 4}l8,8m0,-8l-8,8`, stroke: look.color,
+        ? add(group, "path", { d: `M${x - 4},${y - 4}l8,8m0,-8l-8,8`, stroke: style.color,
             "stroke-width": 1.6, fill: "none" })
-        : add(group, "circle", { cx: x, cy: y, r: look.ours ? 4.5 : 3.4, fill: look.color });
+        : add(group, "circle", { cx: x, cy: y, r: style.own ? 4.5 : 3.4, fill: style.color });
       mark.addEventListener("pointerenter", () => { at("tip").textContent =
-        `${name} (${look.knob} ${p[0]}): ${p[3] ? "failed: " + p[3] + "; " : ""}` +
-        `error ${p[2] === null ? "none" : p[2] + " m"}, ${p[1]} ms a simulated second` +
+        `${name} (${style.parameter} ${p[0]}): ${p[3] ? "failed: " + p[3] + "; " : ""}` +
+        `error ${p[2] === null ? "none" : p[2] + " m"}, ${p[1]} ms per simulated second` +
         (p[4] === null ? ". " : ` (quartiles ${p[4]} to ${p[5]}). `) +
-        look.about + "."; });
+        style.description + "."; });
     }
   }
 }
 function choose(next) {
-  scene = next;
-  at("about").textContent = `${scene.title}${scene.reactive ? " (friction depends on reactions " +
-    "that change)" : ""}. Error of: ${scene.matters}. Answer: ${scene.source}.`;
-  for (const b of at("scenes").children)
-    b.setAttribute("aria-pressed", b.textContent === scene.title);
-  at("names").replaceChildren(...Object.keys(data.looks).filter(n => scene.rows[n]).map(name => {
-    const e = document.createElement("div"), look = data.looks[name];
-    e.textContent = "● " + name; e.style.color = look.color; e.title = look.about;
+  shown = next;
+  const mark = shown.reaction_dependent ? " (friction depends on changing reactions)" : "";
+  at("about").textContent =
+    `${shown.title}${mark}. Error of: ${shown.error_of}. Reference: ${shown.source}.`;
+  for (const b of at("cases").children)
+    b.setAttribute("aria-pressed", b.textContent === shown.title);
+  at("names").replaceChildren(...Object.keys(data.styles).filter(n => shown.rows[n]).map(name => {
+    const e = document.createElement("div"), style = data.styles[name];
+    e.textContent = "● " + name; e.style.color = style.color; e.title = style.description;
     e.className = off.has(name) ? "off" : "";
     e.onpointerenter = () => { alone = name; draw(); };
     e.onpointerleave = () => { alone = null; draw(); };
@@ -171,13 +172,13 @@ function choose(next) {
   }));
   draw();
 }
-for (const s of data.scenes) {
+for (const s of data.cases) {
   const b = document.createElement("button"); b.textContent = s.title;
-  b.onclick = () => choose(s); at("scenes").appendChild(b);
+  b.onclick = () => choose(s); at("cases").appendChild(b);
 }
 for (const line of [data.command, ...data.machine]) {
   const e = document.createElement("li"); e.textContent = line; at("machine").appendChild(e);
 }
-choose(scene);
+choose(shown);
 </script></body></html>
 """

@@ -1,6 +1,6 @@
-"""The picture of a precision benchmark: a panel a scene, error against CPU time, failures on top.
+"""The picture of a precision benchmark: error vs. CPU time, one panel per case, failures on top.
 
-A family of set-ups is drawn by its front; every set-up by itself is on the interactive page.
+A curve is the Pareto front of a group of solvers; the interactive page shows every solver.
 """
 
 from __future__ import annotations
@@ -13,20 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.bench.common.results import Findings
 from cylconn_ros.bench.precision import pareto
-from cylconn_ros.bench.precision.cases import CASES
+from cylconn_ros.bench.precision.cases import CASES, Case
 from cylconn_ros.bench.precision.pareto import Point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LOWEST = 1e-15  # m: what is drawn for rounding and for nothing at all
-HIGHEST = 2.0  # m
+LOWEST = 1e-15  # m: smaller errors are drawn here
+HIGHEST = 2.0  # m: failures are drawn above
 INK, SOFT = "#222222", "#8A8A8A"
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Set-ups that are drawn as one: by the beginning of their names."""
+    """Solvers that are drawn as one curve, selected by the start and end of their names.
+
+    ``exact``: by their whole names.
+    """
 
     label: str
     starts: tuple[str, ...]
@@ -36,8 +39,8 @@ class Curve:
     ends: str = ""
     exact: bool = False
 
-    def holds(self, name: str) -> bool:
-        """Whether a contestant belongs to it."""
+    def contains(self, name: str) -> bool:
+        """Whether a solver belongs to this curve."""
         if self.exact:
             return name in self.starts
         return name.startswith(self.starts) and name.endswith(self.ends)
@@ -51,12 +54,12 @@ CURVES = (
     Curve("PyBullet", ("PyBullet",), "#D55E00"),
     Curve("Pinocchio", ("Pinocchio",), "#CC79A7"),
     Curve("Exudyn", ("Exudyn",), "#8C6D1F"),
-    Curve("SciPy by hand", ("SciPy",), "#555555"),
+    Curve("SciPy, reduced eqs.", ("SciPy",), "#555555"),
     Curve("penalty, aug. Lagr.", ("penalty", "augmented_lagrangian"), "#8FB7D6", 1.1, "--"),
     Curve("baumgarte", ("baumgarte",), "#8FB7D6", 1.1),
     Curve("impulse", ("impulse",), "#2E8BC8", 2.4),
-    Curve("minimal", ("minimal", "minimal, live"), "#1F5F99", 1.6, exact=True),
-    Curve("tolerance stated", ("tolerance stated",), "#04243F", 2.8, exact=True),
+    Curve("minimal", ("minimal",), "#1F5F99", 1.6, exact=True),
+    Curve("tolerance", ("tolerance parameter",), "#04243F", 2.8, exact=True),
 )
 _STYLE: dict[Any, Any] = {
     "font.size": 8.5,
@@ -75,31 +78,31 @@ _STYLE: dict[Any, Any] = {
 
 
 TITLE = (
-    "Error of the whole motion against CPU time, both logarithmic: down and left is better. "
-    "× failed.  ◆ friction depends on reactions that change.\n"
-    "A curve is the front of a family's set-ups, its bars the quartiles of CPU time; "
-    "loops brake with the last step's reaction."
+    "Error of the whole motion vs. CPU time; lower left is better.  × failed.  "
+    "◆ friction depends on changing reactions.\n"
+    "Curve: Pareto front of a group of solvers; bars: quartiles of CPU time; "
+    "loop: friction limit from the last step's reaction."
 )
 
 
 def draw(found: Findings, files: Sequence[Path]) -> None:
-    """Draw every scene of ``found`` into PNG or SVG files, as their names end."""
+    """Draw every case of ``found`` into PNG or SVG files, by their suffix."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    problems = list(dict.fromkeys(m.problem for m in found.measurements))
-    columns = min(3, len(problems))
-    rows = math.ceil(len(problems) / columns)
+    names = list(dict.fromkeys(m.case for m in found.measurements))
+    columns = min(3, len(names))
+    rows = math.ceil(len(names) / columns)
     with mpl.rc_context(_STYLE):
         figure = Figure(
             figsize=(4.7 * columns, 3.15 * rows + 0.75),
             layout=ConstrainedLayoutEngine(hspace=0.06, wspace=0.03),
         )
         axes = figure.subplots(rows, columns, squeeze=False)
-        for panel, problem in zip(axes.flat, problems, strict=False):
-            _panel(panel, problem, pareto.points(found, problem))
-        for panel in list(axes.flat)[len(problems) :]:
+        for panel, name in zip(axes.flat, names, strict=False):
+            _panel(panel, CASES[name], pareto.points(found, name))
+        for panel in list(axes.flat)[len(names) :]:
             panel.set_axis_off()
         for panel in axes[-1]:
             panel.set_xlabel("CPU time per simulated second, ms")
@@ -111,17 +114,16 @@ def draw(found: Findings, files: Sequence[Path]) -> None:
             figure.savefig(file, dpi=110, metadata=metadata)
 
 
-def _panel(axes: Axes, problem: str, points: Sequence[Point]) -> None:
-    """One scene: curves with their names at their ends, crosses for what failed."""
-    case = CASES[problem]
+def _panel(axes: Axes, case: Case, points: Sequence[Point]) -> None:
+    """One case: labelled curves, and crosses for failed points."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(LOWEST / 3.0, HIGHEST * 30.0)
     axes.set_title(
-        case.title + (" ◆" if case.reactive else ""), loc="left", fontsize=9.5, color=INK
+        case.title + (" ◆" if case.reaction_dependent else ""), loc="left", fontsize=9.5, color=INK
     )
     axes.text(
-        1.0, 1.025, case.matters, transform=axes.transAxes, ha="right", fontsize=7.5, color=SOFT
+        1.0, 1.025, case.error_of, transform=axes.transAxes, ha="right", fontsize=7.5, color=SOFT
     )
     axes.grid(True, color="#E6E6E6", linewidth=0.5)
     costs = [p.cost for p in points if math.isfinite(p.cost) and p.cost > 0.0]
@@ -133,11 +135,13 @@ def _panel(axes: Axes, problem: str, points: Sequence[Point]) -> None:
     axes.text(low / 1.5, HIGHEST * 8.0, "failed", fontsize=7, color=SOFT, va="center")
     labels = []
     for k, curve in enumerate(CURVES):
-        own = [p for p in points if curve.holds(p.contestant)]
+        own = [p for p in points if curve.contains(p.solver)]
         best = pareto.front(own)
-        lost = [p.cost for p in own if p.failed and math.isfinite(p.cost)]
+        failures = [p.cost for p in own if p.failed and math.isfinite(p.cost)]
         level = HIGHEST * (1.8 + 24.0 * ((k * 5) % len(CURVES)) / len(CURVES))
-        axes.plot(lost, [level] * len(lost), "x", color=curve.color, markersize=3.6, mew=0.9)
+        axes.plot(
+            failures, [level] * len(failures), "x", color=curve.color, markersize=3.6, mew=0.9
+        )
         if not best:
             continue
         x, y = [p.cost for p in best], [max(p.error, LOWEST) for p in best]
@@ -148,24 +152,24 @@ def _panel(axes: Axes, problem: str, points: Sequence[Point]) -> None:
         for p, height in zip(best, y, strict=True):
             axes.plot([p.low, p.high], [height] * 2, color=curve.color, linewidth=0.9)
         labels.append((x[-1], y[-1], curve))
-    _name(axes, labels)
+    _label(axes, labels)
 
 
-def _name(axes: Axes, labels: Sequence[tuple[float, float, Curve]]) -> None:
-    """Names at the right, as near to their curves' ends as they do not overlap."""
-    gap = 0.95  # decades
+def _label(axes: Axes, labels: Sequence[tuple[float, float, Curve]]) -> None:
+    """Labels at the right, as near to the ends of their curves as possible without overlap."""
+    spacing = 0.95  # decades
     lowest, highest = math.log10(LOWEST), math.log10(HIGHEST) - 0.2
-    places = sorted((math.log10(y), k) for k, (_, y, _) in enumerate(labels))
+    ends = sorted((math.log10(y), k) for k, (_, y, _) in enumerate(labels))
     heights: list[float] = []
-    for y, _ in places:
-        heights.append(max(y, heights[-1] + gap if heights else lowest))
+    for y, _ in ends:
+        heights.append(max(y, heights[-1] + spacing if heights else lowest))
     over = max(0.0, heights[-1] - highest) if heights else 0.0
     for j in reversed(range(len(heights))):
-        limit = highest if j == len(heights) - 1 else heights[j + 1] - gap
+        limit = highest if j == len(heights) - 1 else heights[j + 1] - spacing
         heights[j] = min(heights[j], limit) if over else heights[j]
     right = axes.get_xlim()[1]
     left = right / (right / axes.get_xlim()[0]) ** 0.27
-    for (_, k), height in zip(places, heights, strict=True):
+    for (_, k), height in zip(ends, heights, strict=True):
         x, y, curve = labels[k]
         at = 10.0**height
         axes.plot(

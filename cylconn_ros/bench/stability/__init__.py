@@ -1,5 +1,5 @@
-"""The map of hard conditions: which method survives what, judged from the bodies' motion alone.
+"""Stability map: under which hard conditions each solver survives, from the bodies' motion.
 
-``conditions`` says what is hard, ``contestants`` who tries, ``judge`` what survival is, ``measure``
-runs the grid and ``show`` draws it.
+``conditions`` defines the hard conditions, ``solvers`` the solvers, ``criteria`` the survival
+criteria. ``measure`` runs the grid and ``picture`` prints and draws it.
 """

@@ -1,8 +1,8 @@
-"""A faulty way between a plant and whoever answers it: arrays, stamps and chance, no middleware.
+"""Faulty channel between a plant and a solver: arrays, stamps and random faults, no middleware.
 
-What is published leaves the plant as (stamp, sample); the channel says what arrives, in which
-order, and how long an answer takes to act. What befalls the plant itself (a restart, a teleport)
-is here too: one place for everything that is not mechanics.
+The plant sends (stamp, sample). The channel determines which samples arrive, in which order, and
+how late a wrench acts. Faults of the plant itself (restart, teleport) are here too, so that one
+module holds everything that is not mechanics.
 """
 
 from __future__ import annotations
@@ -16,31 +16,32 @@ import numpy as np
 from cylconn_ros.bench.common.timing import Array
 from cylconn_ros.core import layout
 
-PAUSE = 50  # samples a paused simulator repeats
+PAUSE = 50  # number of times that a paused simulator sends its sample
 JUMP = 0.3  # s by which the clock goes back
 TELEPORT = (0.1, 0.02, -0.01)  # m, of B
-CORRUPT_EVERY = 25  # samples between two bad fields
+CORRUPT_INTERVAL = 25  # samples between two corrupt fields
 BAD = {"NaN": math.nan, "infinity": math.inf}
 QUATERNIONS = {"zero quaternion": 0.0, "denormal quaternion": 5e-324}
 TWISTS = [*range(7, 13), *range(20, 26)]
 
 Delivery = tuple[int, Array]
+"""Stamp in ns and sample (NSAMPLE,)."""
 
 
 @dataclass(frozen=True)
 class Faults:
-    """What goes wrong between plant and connector.
+    """Faults between plant and connector.
 
     Attributes
     ----------
-        late: samples between a sample and the action of its wrench.
-        jitter: by which share of itself a period is longer or shorter, at most.
-        drop, duplicate, reorder: shares of samples that are lost, come twice, or arrive after the
+        late: samples by which a wrench acts after its own sample.
+        jitter: greatest relative deviation of a period.
+        drop, duplicate, reorder: shares of samples that are lost, arrive twice, or arrive after the
             next one.
-        twist: by which share of itself the twist is reported too large.
-        pause, jump, restart, teleport: each once, at half time.
-        corrupt: NaN, infinity, "zero quaternion" or "denormal quaternion": each field once.
-        seed: of what comes by chance.
+        twist: relative error of the reported twist.
+        pause, jump, restart, teleport: each once, at half of the duration.
+        corrupt: NaN, infinity, "zero quaternion" or "denormal quaternion", in each field once.
+        seed: of the random faults.
     """
 
     late: int = 0
@@ -58,77 +59,77 @@ class Faults:
 
     @property
     def any(self) -> bool:
-        """Whether there is one."""
+        """Whether there is a fault."""
         return replace(self, seed=NONE.seed) != NONE
 
     @property
-    def by_chance(self) -> bool:
-        """Whether another seed would be another run."""
+    def is_random(self) -> bool:
+        """Whether the run depends on the seed."""
         return max(self.jitter, self.drop, self.reorder) > 0.0
 
     @property
-    def begins_anew(self) -> bool:
-        """Whether the bodies are somewhere else at half time than they were going."""
+    def displaces_bodies(self) -> bool:
+        """Whether the bodies' state is set at half of the duration."""
         return self.restart or self.teleport
 
 
 class Channel:
-    """One way with its faults; the same seed does the same again.
-
-    Args:
-        fields: which fields of a sample are sent (those of moving bodies).
-    """
+    """A channel with faults; the same seed gives the same faults."""
 
     def __init__(self, faults: Faults, fields: list[int]) -> None:
+        """``fields``: indices of the fields of a sample that are sent (those of moving bodies)."""
         self.faults = faults
-        self._chance = np.random.default_rng(faults.seed)
-        self._waiting: list[Delivery] = []
-        self._acting: deque[Array] = deque([np.zeros(12)] * faults.late)
-        self._bad = _bad_fields(faults.corrupt, fields)
+        self._random = np.random.default_rng(faults.seed)
+        self._delayed: list[Delivery] = []
+        self._in_transit: deque[Array] = deque([np.zeros(12)] * faults.late)
+        self._corrupt = _corrupt_fields(faults.corrupt, fields)
 
-    def stretch(self) -> float:
-        """What the coming period is multiplied by."""
-        return 1.0 + self.faults.jitter * float(self._chance.uniform(-1.0, 1.0))
+    def period_factor(self) -> float:
+        """Factor of the next period."""
+        return 1.0 + self.faults.jitter * float(self._random.uniform(-1.0, 1.0))
 
     def deliver(self, step: int, stamp: int, sample: Array) -> list[Delivery]:
-        """What arrives when ``sample`` is sent as the plant's ``step``-th."""
+        """Send the plant's sample number ``step``; return what arrives, in order."""
         f, sent = self.faults, sample.copy()
         sent[TWISTS] *= 1.0 + f.twist
-        index, rest = divmod(step, CORRUPT_EVERY)
-        if self._bad and rest == 0 and 0 < index <= len(self._bad):
-            where, value = self._bad[index - 1]
-            sent[where] = value
-        chance = self._chance.uniform()
-        late, self._waiting = self._waiting, []
-        if chance < f.drop:
-            return late
-        if chance < f.reorder:
-            self._waiting = [(stamp, sent)]
-            return late
-        copies = 2 if chance < f.duplicate else 1
-        return [(stamp, sent)] * copies + late
+        index, rest = divmod(step, CORRUPT_INTERVAL)
+        if self._corrupt and rest == 0 and 0 < index <= len(self._corrupt):
+            corrupt, value = self._corrupt[index - 1]
+            sent[corrupt] = value
+        u = self._random.uniform()
+        delayed, self._delayed = self._delayed, []
+        if u < f.drop:
+            return delayed
+        if u < f.reorder:
+            self._delayed = [(stamp, sent)]
+            return delayed
+        copies = 2 if u < f.duplicate else 1
+        return [(stamp, sent)] * copies + delayed
 
     def act(self, wrench: Array) -> Array:
-        """(12,) what acts on the bodies now that ``wrench`` is the newest answer."""
-        self._acting.append(wrench.copy())
-        return self._acting.popleft()
+        """(12,) wrenches that act on the bodies now, given the newest ones computed."""
+        self._in_transit.append(wrench.copy())
+        return self._in_transit.popleft()
 
 
-def opening(faults: Faults, samples: int) -> tuple[int, int]:
-    """After how many periods the first answer acts, and how many one acts among the first."""
-    way, none = Channel(faults, []), np.zeros(layout.NSAMPLE)
-    came, newest = [], -1
+def first_response(faults: Faults, samples: int) -> tuple[int, int]:
+    """Periods until the first wrench acts, and the most for which one acts among the first.
+
+    ``samples``: number of samples considered.
+    """
+    channel, none = Channel(faults, []), np.zeros(layout.NSAMPLE)
+    arrivals, newest = [], -1
     for k in range(samples):
-        delivered = way.deliver(k, k, none)
-        way.stretch()
+        delivered = channel.deliver(k, k, none)
+        channel.period_factor()
         if delivered and delivered[0][0] > newest:
             newest = delivered[0][0]
-            came.append(k)
-    return came[0] + faults.late, int(np.diff(came).max())
+            arrivals.append(k)
+    return arrivals[0] + faults.late, int(np.diff(arrivals).max())
 
 
-def _bad_fields(kind: str, fields: list[int]) -> list[tuple[list[int], float]]:
-    """Places and values, one at a time."""
+def _corrupt_fields(kind: str, fields: list[int]) -> list[tuple[list[int], float]]:
+    """Indices of the fields that are corrupted together, and their value."""
     if kind in BAD:
         return [([field], BAD[kind]) for field in fields]
     if kind in QUATERNIONS:
@@ -137,8 +138,8 @@ def _bad_fields(kind: str, fields: list[int]) -> list[tuple[list[int], float]]:
     return []
 
 
-def teleported(state: Array) -> Array:
-    """(26,) the same motion, B somewhere else."""
+def teleport(state: Array) -> Array:
+    """(26,) the state with body B displaced."""
     moved = state.copy()
     moved[layout.B_POSE : layout.B_POSE + 3] += TELEPORT
     return moved

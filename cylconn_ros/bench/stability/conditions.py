@@ -1,8 +1,8 @@
-"""The hard conditions, each a series of grades from easy to hard.
+"""Hard conditions of the stability map, each with grades from easy to hard.
 
-Grades are given (docs/stability.md); the scenes are chosen here so that one thing is hard at a
-time: a sleeve off its balance on a fixed shaft, two free bodies turning together. How each grade
-has to end, at rest or sliding, is stated with it and tested against independent solutions.
+docs/benchmarks/stability.md defines the grades. Each scene is hard in one respect only: it is an
+unbalanced sleeve on a fixed shaft, or two free bodies that rotate together. The required end of
+each case, at rest or sliding, is stated with it and tested against independent solutions.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ G = 9.81
 
 @dataclass(frozen=True)
 class Case:
-    """One grade: a scene, what goes wrong on the way, how it has to end."""
+    """One grade: a scene, the faults of the channel, and the required end."""
 
     grade: str
     scene: Scene
@@ -39,32 +39,32 @@ class Condition:
 
     Attributes
     ----------
-        name: what is graded. kind: physical, or of the way between plant and connector.
+        name: the graded quantity. kind: physical, or of the channel between plant and connector.
         about: scene and meaning in a few words.
-        make: its cases from easy to hard.
-        series: whether grades are steps of one scale; else each stands for itself.
+        make_cases: returns its cases from easy to hard.
+        series: whether the grades are steps of one scale; otherwise they are independent.
     """
 
     name: str
     kind: Kind
     about: str
-    make: Callable[[], Iterable[Case]]
+    make_cases: Callable[[], Iterable[Case]]
     series: bool = True
 
     def cases(self) -> list[Case]:
         """All grades."""
-        return list(self.make())
+        return list(self.make_cases())
 
 
 def conditions() -> list[Condition]:
-    """Every row, in the order of the map."""
-    return [*_inertias(), *_motions(), *_friction(), *_geometry(), *_ways(), *_events()]
+    """All conditions, in the order of the map's rows."""
+    return [*_inertias(), *_motions(), *_friction(), *_geometry(), *_channels(), *_events()]
 
 
 def _over(
     grades: Iterable[float], make: Callable[[float], Scene], end: str | Callable[[float], str] = ANY
 ) -> Callable[[], Iterator[Case]]:
-    """Cases of one number each."""
+    """Cases whose grade is a number."""
 
     def cases() -> Iterator[Case]:
         for x in grades:
@@ -105,12 +105,12 @@ def _motions() -> Iterator[Condition]:
         _over(spins, lambda x: sleeve(spin=1e3 * x, duration=0.5), SLIDES),
     )  # fmt: skip
     yield Condition(
-        "spin ω h, tumbling", "physical", "two free bodies as one, held by friction; 1 ms",
+        "spin ω h, tumbling", "physical", "two free bodies held together by friction; 1 ms",
         _over(spins, _tumbling, RESTS),
     )  # fmt: skip
     periods = (0.1, 1.0, 10.0, 50.0, 100.0)
     yield Condition(
-        "period, ms, on a shaft", "physical", "sleeve hanging below a shaft that goes down 30°",
+        "period, ms, on a shaft", "physical", "mass centre below a shaft inclined by 30°",
         _over(periods, _slowly_down, SLIDES),
     )  # fmt: skip
     yield Condition(
@@ -120,7 +120,7 @@ def _motions() -> Iterator[Condition]:
 
 
 def _slowly_down(period_ms: float) -> Scene:
-    """Nothing here is fast: what a long period costs by itself."""
+    """A slow motion, so that only the long period is hard."""
     return sleeve(
         spin=1.0,
         com=(0.03, 0.0, -0.01),
@@ -131,7 +131,7 @@ def _slowly_down(period_ms: float) -> Scene:
 
 
 def _tumbling(wh: float) -> Scene:
-    """Turning as one about an axis that is nobody's principal one."""
+    """Rotation as one body about an axis that is a principal axis of neither body."""
     direction = np.array([1.0, 2.0, 0.5])
     turning = direction / np.linalg.norm(direction) * wh / 1e-3
     friction = {"coefficient": 10.0, "preload": 1e6}
@@ -149,7 +149,7 @@ def _friction() -> Iterator[Condition]:
         return sleeve(slope=slope, velocity=0.5, com=(0.0, 0.0, -0.01), friction=friction)
 
     yield Condition(
-        "friction μ, on a slope", "physical", "15° down; from μ = 0.5 on it holds",
+        "friction μ, on a slope", "physical", "inclined by 15°; from μ = 0.5 on it sticks",
         _over(coefficients, on_slope, lambda mu: SLIDES if mu < 0.2 else RESTS),
     )  # fmt: skip
     yield Condition(
@@ -158,7 +158,7 @@ def _friction() -> Iterator[Condition]:
     )  # fmt: skip
     couplings = (0.5, 0.9, 0.99, 1.01, 2.0, 10.0)
     yield Condition(
-        "coupling c (jam)", "physical", "pushed hard; from c = 1 on it jams and holds",
+        "coupling c (jam)", "physical", "strong push; from c = 1 on it jams and sticks",
         _over(couplings, _jam, lambda c: SLIDES if c < 1.0 else RESTS),
     )  # fmt: skip
 
@@ -168,9 +168,9 @@ def _rubbing(mu: float) -> Scene:
 
 
 def _jam(c: float) -> Scene:
-    """Mass centre d below node b, c = 2 μ d/L; pushed with twice what friction can be below c = 1.
+    """Mass centre d below node b, c = 2 μ d/L; below c = 1 the push is twice the friction limit.
 
-    |f1| = μ m g/(1 - c) there; beyond, a push of 20 m/s² is held like any other.
+    The friction limit is μ m g/(1 - c) there. From c = 1 on any push is held; it is 20 m/s².
     """
     mu, overlap = 0.2, 0.1
     push = 2.0 * mu * G / (1.0 - c) if c < 1.0 else 20.0
@@ -192,7 +192,7 @@ def _geometry() -> Iterator[Condition]:
             _over(sizes, _of(make, "overlap"), lambda x: SLIDES if x > 0.01 else RESTS),
         )  # fmt: skip
         yield Condition(
-            f"radius R, m, {name}", "physical", "spin frees the slide less and less",
+            f"radius R, m, {name}", "physical", "with a small radius, spin hardly frees the slide",
             _over(sizes, _of(make, "radius"), _rests_from(least)),
         )  # fmt: skip
     angles = (1.0, 30.0, 90.0, 179.9)
@@ -237,7 +237,7 @@ def _between_stops(restitution: float) -> Callable[[float], Scene]:
     return at
 
 
-def _ways() -> Iterator[Condition]:
+def _channels() -> Iterator[Condition]:
     def over(name: str, shares: Iterable[float]) -> Callable[[], Iterator[Case]]:
         def cases() -> Iterator[Case]:
             for x in shares:
@@ -253,22 +253,22 @@ def _ways() -> Iterator[Condition]:
 
         return cases
 
-    few, share = (1, 10, 30), "sleeve on a shaft; share of samples"
+    percentages, share = (1, 10, 30), "sleeve on a shaft; share of samples"
     rows: tuple[tuple[str, str, str, tuple[int, ...]], ...] = (
         ("twist too large, %", "twist", "sleeve on a shaft; contradicts the poses", (1, 10, 100)),
-        ("twist too small, %", "twist", "the same, the other way", (-1, -10, -100)),
-        ("jitter, %", "jitter", "sleeve on a shaft; periods not as stated", few),
-        ("drops, %", "drop", share, few),
+        ("twist too small, %", "twist", "the same with the opposite sign", (-1, -10, -100)),
+        ("jitter, %", "jitter", "sleeve on a shaft; irregular periods", percentages),
+        ("drops, %", "drop", share, percentages),
         ("duplicates, %", "duplicate", share, (10,)),
         ("reordering, %", "reorder", share, (10,)),
     )
-    for said, latency in (
-        ("not told", lambda d: 0),
-        ("told", lambda d: d),
-        ("measured", _measured),
+    for setting, latency in (
+        ("latency not set", lambda d: 0),
+        ("latency set", lambda d: d),
+        ("latency measured", _measured),
     ):
         yield Condition(
-            f"wrench late, samples, {said}", "channel", "sleeve on a shaft", late(latency)
+            f"wrench late, samples, {setting}", "channel", "sleeve on a shaft", late(latency)
         )
     for title, name, about, grades in rows:
         yield Condition(title, "channel", about, over(name, grades))
@@ -290,9 +290,9 @@ def _events() -> Iterator[Condition]:
             yield Case(kind, pair(), SLIDES, Faults(corrupt=kind))
 
     yield Condition(
-        "clock and plant", "channel", "each once at half time: pause, jump back, restart, teleport",
+        "clock and plant", "channel", "one each at half time: pause, jump back, restart, teleport",
         events, series=False,
     )  # fmt: skip
     yield Condition(
-        "unusable numbers", "channel", "two free bodies; every field once", corrupted, series=False
+        "unusable numbers", "channel", "two free bodies; each field once", corrupted, series=False
     )

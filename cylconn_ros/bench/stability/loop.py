@@ -1,4 +1,4 @@
-"""The closed loop of two bodies and somebody who answers their samples; only wrenches go out."""
+"""Closed loop of two bodies and a solver that computes wrenches from their samples."""
 
 from __future__ import annotations
 
@@ -8,79 +8,77 @@ from typing import Protocol
 import numpy as np
 
 from cylconn_ros.bench.common.timing import Array
-from cylconn_ros.bench.stability import channel
-from cylconn_ros.bench.stability.channel import Channel, Faults
+from cylconn_ros.bench.stability.channel import JUMP, PAUSE, Channel, Faults, teleport
 from cylconn_ros.core import layout, plant
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 
 
-class Servant(Protocol):
-    """Whoever turns samples into wrenches."""
+class SampleSolver(Protocol):
+    """Computes wrenches from samples."""
 
     @property
     def out(self) -> Array | None:
-        """(NOUT,) the whole of the last answer, of a connector of ours."""
+        """(NOUT,) the whole output of a Connector for the last sample; None for another solver."""
 
-    def answer(self, sample: Array) -> Array:
+    def step(self, sample: Array) -> Array:
         """(12,) force and torque on A and B, world axes, about the mass centres."""
 
     def receive(self, stamp: int, sample: Array) -> Array:
-        """The same for what came through a channel: perhaps late, again, or not usable."""
+        """The same for a sample from a channel: it may be late, repeated or corrupt."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What the bodies did.
+    """Motion of the bodies.
 
     Attributes
     ----------
-        time: (N,) s. states: (N, 26) poses and twists. wrenches: (N, 12) as they acted, or None.
-        begins: samples at which the motion was set by somebody else: the start, a teleport.
-        lost: whether it ended early, because a state was not finite.
-        outs: (N, NOUT) answers of a connector of ours to these states; None with a channel.
-        served: the scene as that connector was given it.
+        time: (N,) s. states: (N, 26) poses and twists. wrenches: (N, 12) that acted, or None.
+        starts: samples at which the state was set: the initial state, a restart, a teleport.
+        diverged: whether it ended early because a state was not finite.
+        outs: (N, NOUT) outputs of a Connector for these states; None with a channel.
+        solver_scene: the scene of that Connector.
     """
 
     time: Array
     states: Array
     wrenches: Array | None = None
-    begins: tuple[int, ...] = (0,)
-    lost: bool = False
+    starts: tuple[int, ...] = (0,)
+    diverged: bool = False
     outs: Array | None = None
-    served: Scene | None = None
+    solver_scene: Scene | None = None
 
 
-def closed(scene: Scene, servant: Servant, faults: Faults | None = None) -> Trace:
-    """Run for the scene's duration; ends early where a state is not finite any more."""
+def closed_loop(scene: Scene, solver: SampleSolver, faults: Faults | None = None) -> Trace:
+    """Run for the scene's duration; end early if a state is not finite."""
     faults = faults or Faults()
-    return _faulty(scene, servant, faults) if faults.any else _direct(scene, servant)
+    return _faulty(scene, solver, faults) if faults.any else _direct(scene, solver)
 
 
 class _Bodies:
-    """The plant, which takes any period."""
+    """The plant, moved with any period."""
 
     def __init__(self, scene: Scene) -> None:
         self.par = pack(scene, plant=True)
-        self.start = np.array(
-            [
-                *scene.initial_pose(0),
-                *scene.initial_twist(0),
-                *scene.initial_pose(1),
-                *scene.initial_twist(1),
-            ]
-        )
+        self.start = initial_state(scene)
         self.loads = loads_of(scene)
         self.state = self.start.copy()
 
     def step(self, wrench: Array, h: float) -> bool:
-        """Move by h; whether the state is still finite."""
+        """Move by h (s) under (12,) wrenches; return whether the state is finite."""
         plant.step(self.par, self.state, wrench[:6], wrench[6:], self.loads, h)
         return bool(np.isfinite(self.state).all())
 
 
+def initial_state(scene: Scene) -> Array:
+    """(26,) initial poses and twists of A and B."""
+    start = [part for k in (0, 1) for part in (scene.initial_pose(k), scene.initial_twist(k))]
+    return np.array([x for part in start for x in part])
+
+
 def loads_of(scene: Scene) -> Array:
-    """(12,) force and torque that the scene's plant puts on A and B besides gravity."""
+    """(12,) external force and torque on A and B, besides gravity."""
     return np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
 
 
@@ -88,16 +86,16 @@ def _steps(scene: Scene) -> int:
     return max(20, round(scene.plant.duration / scene.period))
 
 
-def _direct(scene: Scene, servant: Servant) -> Trace:
+def _direct(scene: Scene, solver: SampleSolver) -> Trace:
     n, h, bodies = _steps(scene), scene.period, _Bodies(scene)
     states, wrenches = np.zeros((n, layout.NSAMPLE)), np.zeros((n, 12))
     outs, done = np.zeros((n, layout.NOUT)), n
     states[:, layout.LOADS] = bodies.loads
     for k in range(n):
         states[k, layout.MOTION] = bodies.state
-        wrenches[k] = servant.answer(states[k])
-        if servant.out is not None:
-            outs[k] = servant.out
+        wrenches[k] = solver.step(states[k])
+        if solver.out is not None:
+            outs[k] = solver.out
         if not bodies.step(wrenches[k], h):
             done = k + 1
             break
@@ -105,45 +103,45 @@ def _direct(scene: Scene, servant: Servant) -> Trace:
         h * np.arange(done, dtype=np.float64),
         states[:done, layout.MOTION],
         wrenches[:done],
-        lost=not np.isfinite(bodies.state).all(),
-        outs=None if servant.out is None else outs[:done],
-        served=scene,
+        diverged=not np.isfinite(bodies.state).all(),
+        outs=None if solver.out is None else outs[:done],
+        solver_scene=scene,
     )
 
 
-def _faulty(scene: Scene, servant: Servant, faults: Faults) -> Trace:
+def _faulty(scene: Scene, solver: SampleSolver, faults: Faults) -> Trace:
     n, bodies = _steps(scene), _Bodies(scene)
-    way = Channel(faults, _sent(scene))
+    channel = Channel(faults, _sent_fields(scene))
     states, wrenches, time = np.zeros((n, 26)), np.zeros((n, 12)), np.zeros(n)
     sample = np.zeros(layout.NSAMPLE)
     newest: Array = np.zeros(12)
-    now, clock, begins, half, done = 0.0, 0.0, [0], n // 2, n
+    now, clock, starts, half, done = 0.0, 0.0, [0], n // 2, n
     for k in range(n):
-        again = 1
+        repeats = 1
         if k == half:
-            again = channel.PAUSE if faults.pause else 1
-            clock -= channel.JUMP if faults.jump else 0.0
+            repeats = PAUSE if faults.pause else 1
+            clock -= JUMP if faults.jump else 0.0
             if faults.restart:
                 bodies.state[:], clock = bodies.start, 0.0
             if faults.teleport:
-                bodies.state[:] = channel.teleported(bodies.state)
-            begins += [k] if faults.begins_anew else []
+                bodies.state[:] = teleport(bodies.state)
+            starts += [k] if faults.displaces_bodies else []
         sample[layout.MOTION] = bodies.state
-        for _ in range(again):
-            for stamp, arrived in way.deliver(k, round(clock * 1e9), sample):
-                newest = servant.receive(stamp, arrived)
-        time[k], states[k], wrenches[k] = now, bodies.state, way.act(newest)
-        h = scene.period * way.stretch()
+        for _ in range(repeats):
+            for stamp, arrived in channel.deliver(k, round(clock * 1e9), sample):
+                newest = solver.receive(stamp, arrived)
+        time[k], states[k], wrenches[k] = now, bodies.state, channel.act(newest)
+        h = scene.period * channel.period_factor()
         if not bodies.step(wrenches[k], h):
             done = k + 1
             break
         now, clock = now + h, clock + h
-    lost = not np.isfinite(bodies.state).all()
-    return Trace(time[:done], states[:done], wrenches[:done], tuple(begins), lost)
+    diverged = not np.isfinite(bodies.state).all()
+    return Trace(time[:done], states[:done], wrenches[:done], tuple(starts), diverged)
 
 
-def _sent(scene: Scene) -> list[int]:
-    """Places in a sample of the moving bodies' fields."""
+def _sent_fields(scene: Scene) -> list[int]:
+    """Indices in a sample of the moving bodies' fields."""
     starts = (layout.A_POSE, layout.B_POSE)
     moving = [at for at, body in zip(starts, scene.bodies, strict=True) if body.kind != "fixed"]
     return [field for at in moving for field in range(at, at + 13)]

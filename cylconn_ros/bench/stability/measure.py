@@ -1,4 +1,4 @@
-"""Run the grid: every condition's grades, every contestant."""
+"""Measurement of the stability map: every grade of every condition with every solver."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
-from cylconn_ros.bench.common.errors import AbsentError, LeftOutError
-from cylconn_ros.bench.common.results import Findings, Gap, Measurement
+from cylconn_ros.bench.common.errors import NotApplicableError, NotInstalledError
+from cylconn_ros.bench.common.results import Findings, Measurement, NotMeasured, merge_cases
 from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.stability.conditions import Case, conditions
-from cylconn_ros.bench.stability.criteria import Laws, Verdict, judge
-from cylconn_ros.bench.stability.solvers import Contestant, contestants
+from cylconn_ros.bench.stability.criteria import Laws, Verdict, evaluate
+from cylconn_ros.bench.stability.solvers import Solver, solvers
 
 SURVIVED = "survived"
 QUICK = ("impulse", "baumgarte", "penalty")
@@ -21,95 +21,94 @@ PROCESSES = 2
 
 Progress = Callable[[int, int], None]
 Task = tuple[str, str]
-"""Names of a condition and a contestant."""
+"""Names of a condition and a solver."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What became of one contestant under one condition.
+    """Results of one solver under one condition.
 
-    ``verdicts`` by grade, in order; empty where there is nothing to judge, with ``status`` "absent"
-    or "left out" and ``reason``.
+    Attributes
+    ----------
+        verdicts: by grade, in order; empty if the condition was not measured.
+        not_measured: the reason for that.
     """
 
     condition: str
-    contestant: str
+    solver: str
     verdicts: dict[str, Verdict]
-    status: str = ""
-    reason: str = ""
+    not_measured: NotMeasured | None = None
 
 
 def measure(
     settings: Settings, progress: Progress | None = None, laws: Laws | None = None
 ) -> Findings:
-    """The whole map; the quick form: the easiest and the hardest grade, few contestants.
+    """Measure the map; the quick form has the easiest and the hardest grade and three solvers.
 
-    ``laws``: what else is asked of our methods' answers; a function of a module, for it travels.
+    ``laws``: check of the methods' outputs; a module's function, since it is sent to processes.
     """
     found = Findings()
     for cell in run(settings.quick, progress, laws):
         found.measurements += _measurements(cell)
-        if cell.status == "absent":
-            found.gaps.append(Gap(cell.condition, cell.contestant, "absent", cell.reason))
-        elif cell.status:
-            found.gaps.append(Gap(cell.condition, cell.contestant, "left out", cell.reason))
-    found.gaps = _joined(found.gaps)
+        if cell.not_measured is not None:
+            found.not_measured.append(cell.not_measured)
+    found.not_measured = merge_cases(found.not_measured, "; ")
     return found
 
 
 def run(quick: bool, progress: Progress | None = None, laws: Laws | None = None) -> list[Cell]:
-    """Every cell, in the order of rows and columns."""
-    names = [c.name for c in contestants() if not quick or c.name in QUICK]
-    tasks = [(row.name, name) for row in conditions() for name in names]
+    """Run every cell; return them in the order of rows and columns."""
+    names = [solver.name for solver in solvers() if not quick or solver.name in QUICK]
+    tasks = [(condition.name, name) for condition in conditions() for name in names]
     done: dict[tuple[str, str], Cell] = {}
-    for cell in _here(tasks, laws) if quick else _spread(tasks, laws):
-        done[cell.condition, cell.contestant] = cell
+    for cell in _in_sequence(tasks, laws) if quick else _in_parallel(tasks, laws):
+        done[cell.condition, cell.solver] = cell
         if progress is not None:
             progress(len(done), len(tasks))
     return [done[task] for task in tasks]
 
 
-def _here(tasks: Sequence[Task], laws: Laws | None) -> Iterator[Cell]:
-    for condition, contestant in tasks:
-        yield tried(condition, contestant, laws, ends_only=True)
+def _in_sequence(tasks: Sequence[Task], laws: Laws | None) -> Iterator[Cell]:
+    for task in tasks:
+        yield run_cell(*task, laws, ends_only=True)
 
 
-def _spread(tasks: Sequence[Task], laws: Laws | None) -> Iterator[Cell]:
+def _in_parallel(tasks: Sequence[Task], laws: Laws | None) -> Iterator[Cell]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES, context) as pool:
-        for future in as_completed([pool.submit(tried, *task, laws) for task in tasks]):
+        for future in as_completed([pool.submit(run_cell, *task, laws) for task in tasks]):
             yield future.result()
 
 
-def tried(
-    condition: str, contestant: str, laws: Laws | None = None, ends_only: bool = False
+def run_cell(
+    condition: str, solver: str, laws: Laws | None = None, ends_only: bool = False
 ) -> Cell:
-    """One cell; ``ends_only``: the easiest and the hardest grade."""
-    row = next(c for c in conditions() if c.name == condition)
-    who = next(c for c in contestants() if c.name == contestant)
+    """Run one cell; ``ends_only``: only the easiest and the hardest grade."""
+    row = next(one for one in conditions() if one.name == condition)
+    column = next(one for one in solvers() if one.name == solver)
     cases = row.cases()
     if ends_only and row.series:
         cases = [cases[0], cases[-1]]
-    verdicts = {}
     try:
-        for case in cases:
-            verdicts[case.grade] = outcome(who, case, laws)
-    except AbsentError as reason:
-        return Cell(condition, contestant, {}, "absent", str(reason))
-    except LeftOutError as reason:
-        return Cell(condition, contestant, {}, "left out", str(reason))
-    return Cell(condition, contestant, verdicts)
+        verdicts = {case.grade: verdict(column, case, laws) for case in cases}
+    except NotInstalledError as reason:
+        missing = NotMeasured(condition, solver, "not installed", str(reason))
+    except NotApplicableError as reason:
+        missing = NotMeasured(condition, solver, "not applicable", str(reason))
+    else:
+        return Cell(condition, solver, verdicts)
+    return Cell(condition, solver, {}, missing)
 
 
-def outcome(who: Contestant, case: Case, laws: Laws | None = None) -> Verdict:
-    """The verdict on one run, or on the best of several set-ups."""
+def verdict(solver: Solver, case: Case, laws: Laws | None = None) -> Verdict:
+    """The verdict on a run, or the best one of several set-ups."""
     found: list[Verdict] = []
-    for move in who.moves:
+    for simulate in solver.setups:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # states of 1e200 are judged as such
+            warnings.simplefilter("ignore", RuntimeWarning)  # overflow fails the criteria
             try:
-                trace = move(case.scene, case.faults)
-                found.append(judge(case.scene, trace, case.end, laws))
+                trace = simulate(case.scene, case.faults)
+                found.append(evaluate(case.scene, trace, case.end, laws))
             except RuntimeError as error:
                 found.append(Verdict(str(error)))
         if found[-1].survived:
@@ -128,17 +127,6 @@ def _measurements(cell: Cell) -> Iterator[Measurement]:
         )
         for quantity, value, unit in numbers:
             yield Measurement(
-                cell.condition, cell.contestant, quantity, value, unit,
-                settings={"grade": grade}, note=v.reason if quantity == SURVIVED else "",
+                cell.condition, cell.solver, quantity, value, unit,
+                settings={"grade": grade}, note=v.failure if quantity == SURVIVED else "",
             )  # fmt: skip
-
-
-def _joined(gaps: Sequence[Gap]) -> list[Gap]:
-    """One line for all conditions with the same reason."""
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for gap in gaps:
-        rows.setdefault((gap.contestant, gap.status, gap.reason), []).append(gap.problem)
-    return [
-        Gap("; ".join(names), contestant, "absent" if status == "absent" else "left out", reason)
-        for (contestant, status, reason), names in rows.items()
-    ]

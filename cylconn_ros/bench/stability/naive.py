@@ -1,10 +1,12 @@
-"""A cylindrical joint as people write it into a node: springs, dampers and a smoothed friction.
+"""Naive penalty solver: cylindrical joint of springs, dampers and smoothed friction.
 
-    f = -k e - c e'                         offsets, and swings by the sine of the angle
+This is the joint as it is commonly written into a node.
+
+    f = -k e - c e'                         offsets; for rotation, e is the sine of the angle
     FN = |f23| + (2/L) |m23| + FCint        of the same springs
     (f1, m1/R) = -mu FN tanh(|s|/vr) s/|s|  s = (v1, R w1)
 
-No history, no stamps, no checks of what comes in. The gains are those that our penalty method gets.
+It has no history, no stamps and no checks of its input. Its gains are those of the method penalty.
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from cylconn_ros.scene.scene import Scene
 SMOOTH = 1e-3  # vr, m/s
 
 
-class PenaltyNode:
-    """Answers samples; ``scene`` is one that is served by ``penalty``, which has the gains."""
+class NaivePenalty:
+    """Computes wrenches from samples; the method of ``scene`` is ``penalty``, with its gains."""
 
     out: Array | None = None
 
@@ -46,15 +48,15 @@ class PenaltyNode:
         return np.asarray(pose[:3]) + rotation(pose[3:]) @ self.node_a
 
     def receive(self, stamp: int, sample: Array) -> Array:
-        """What comes is answered."""
-        return self.answer(sample)
+        """Process any sample that arrives."""
+        return self.step(sample)
 
-    def answer(self, sample: Array) -> Array:
+    def step(self, sample: Array) -> Array:
         """(12,) force and torque on A and B, world axes, about the mass centres."""
-        with np.errstate(all="ignore"):  # whatever comes out: nobody looks, in such a node
-            return self._answer(sample)
+        with np.errstate(all="ignore"):  # such a node does not check its output
+            return self._wrenches(sample)
 
-    def _answer(self, sample: Array) -> Array:
+    def _wrenches(self, sample: Array) -> Array:
         pa, va, wa = sample[0:7], sample[7:10], sample[10:13]
         pb, vb, wb = sample[13:20], sample[20:23], sample[23:26]
         turn_a, turn_b = rotation(pa[3:]), rotation(pb[3:])
@@ -86,10 +88,10 @@ class PenaltyNode:
         traction = law.coefficient * abs(normal) * math.tanh(slip / SMOOTH) / max(slip, 1e-300)
         return -traction * v, -traction * law.radius**2 * w
 
-    def _stop(self, place: float, v: float) -> float:
+    def _stop(self, length: float, v: float) -> float:
         low, high = self.stops.l_min, self.stops.l_max
-        if place < low:  # False where there is no stop, which is NaN
-            return max(self.k * (low - place) - self.c * v, 0.0)
-        if place > high:
-            return min(self.k * (high - place) - self.c * v, 0.0)
+        if length < low:  # False without a stop, which is NaN
+            return max(self.k * (low - length) - self.c * v, 0.0)
+        if length > high:
+            return min(self.k * (high - length) - self.c * v, 0.0)
         return 0.0

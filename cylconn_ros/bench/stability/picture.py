@@ -1,4 +1,4 @@
-"""The map as a table and as a picture."""
+"""The stability map as Markdown tables and as a heat map."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TITLE = "The hardest grade survived: of every one (blue) to none (red)"
-NOTHING = "–"
-HEADINGS = {"physical": "In process: only wrenches go out", "channel": "On the way"}
+TITLE = "Hardest grade survived: all grades (blue) to none (red)"
+NOT_MEASURED = "–"
+HEADINGS = {"physical": "Physical conditions", "channel": "Faulty channel"}
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A cell as it is shown.
+    """Text and colour of a cell.
 
     Attributes
     ----------
-        text: the hardest grade survived; behind it, easier ones that were not.
-        share: of the grades survived; NaN: not tried.
-        failure: the easiest grade that was not survived, and what of.
+        text: the hardest grade survived, then easier ones that were not survived.
+        share: of the grades survived; NaN: not measured.
+        failure: the easiest grade that was not survived, and its first failed criterion.
     """
 
     text: str
@@ -38,91 +38,96 @@ class Mark:
 
 
 class Map:
-    """All marks, by row and column; the grades that were tried, by row."""
+    """The stability map.
+
+    Attributes
+    ----------
+        rows: conditions. columns: names of solvers. marks: by row and column.
+        grades: measured grades, by row.
+    """
 
     def __init__(self, found: Findings) -> None:
         results: dict[tuple[str, str], dict[str, str]] = {}
         for m in found.measurements:
             if m.quantity == SURVIVED:
-                grades = results.setdefault((m.problem, m.contestant), {})
+                grades = results.setdefault((m.case, m.subject), {})
                 grades[str(m.settings["grade"])] = m.note
-        gaps = [(name, g.contestant) for g in found.gaps for name in g.problem.split("; ")]
-        seen = dict.fromkeys([*(c for _, c in results), *(c for _, c in gaps)])
-        self.columns = list(seen)
+        missing = [one.subject for one in found.not_measured]
+        self.columns = list(dict.fromkeys([*(name for _, name in results), *missing]))
         self.grades = {name: grades for (name, _), grades in results.items()}
-        self.rows = [c for c in conditions() if any((c.name, who) in results for who in seen)]
+        self.rows = [c for c in conditions() if any((c.name, s) in results for s in self.columns)]
         self.marks = {
-            (row.name, who): _mark(row, results.get((row.name, who), {}))
+            (row.name, solver): _mark(row, results.get((row.name, solver), {}))
             for row in self.rows
-            for who in self.columns
+            for solver in self.columns
         }
 
     def line(self, row: Condition) -> list[Mark]:
-        """One row."""
-        return [self.marks[row.name, who] for who in self.columns]
+        """Marks of a row."""
+        return [self.marks[row.name, solver] for solver in self.columns]
 
 
 def _mark(row: Condition, grades: dict[str, str]) -> Mark:
-    """``grades``: what each was not survived of; empty: survived."""
+    """``grades``: failed criterion of each grade; empty: survived."""
     if not grades:
-        return Mark(NOTHING, float("nan"))
-    survived = [grade for grade, reason in grades.items() if not reason]
-    lost = {grade: reason for grade, reason in grades.items() if reason}
-    failure = next((f"{grade}: {reason}" for grade, reason in lost.items()), "")
+        return Mark(NOT_MEASURED, float("nan"))
+    survived = [grade for grade, failure in grades.items() if not failure]
+    failed = {grade: failure for grade, failure in grades.items() if failure}
+    failures = [f"{grade}: {failure}" for grade, failure in failed.items()]
+    first = failures[0] if failures else ""
     share = len(survived) / len(grades)
     if not row.series:
-        text = f"{len(survived)} of {len(grades)}"
-        return Mark(text, share, "; ".join(f"{grade}: {reason}" for grade, reason in lost.items()))
+        return Mark(f"{len(survived)} of {len(grades)}", share, "; ".join(failures))
     if not survived:
-        return Mark("none", share, failure)
+        return Mark("none", share, first)
     order = list(grades)
-    easier = [grade for grade in order[: order.index(survived[-1])] if grade in lost]
+    easier = [grade for grade in order[: order.index(survived[-1])] if grade in failed]
     text = survived[-1] + (f" (not {', '.join(easier)})" if easier else "")
-    return Mark(text if lost else f"**{text}**", share, failure)
+    return Mark(text if failed else f"**{text}**", share, first)
 
 
 def body(found: Findings) -> str:
-    """Both tables in Markdown: the hardest grade survived; what the first failure was."""
-    shown = Map(found)
-    head = ("", "grades", *shown.columns)
+    """Two Markdown tables: hardest grade survived, and first failure."""
+    stability_map = Map(found)
+    head = ("", "grades", *stability_map.columns)
     survived, failed = [], []
-    for row in shown.rows:
-        line = shown.line(row)
-        grades = ", ".join(shown.grades[row.name])
+    for row in stability_map.rows:
+        line = stability_map.line(row)
+        grades = ", ".join(stability_map.grades[row.name])
         survived.append((row.name, grades, *(mark.text for mark in line)))
         failed.append((row.name, *(mark.failure for mark in line)))
     return "\n\n".join(
         (
-            "**The hardest grade survived** (bold: all of them)",
+            "**Hardest grade survived** (bold: all grades)",
             table(head, survived),
-            "**The first failure**",
-            table(("", *shown.columns), [row for row in failed if any(row[1:])]),
+            "**First failure**",
+            table(("", *stability_map.columns), [row for row in failed if any(row[1:])]),
         )
     )
 
 
 def draw(found: Findings, title: str = TITLE) -> Figure:
-    """The heat map. Raises ImportError without matplotlib."""
+    """Draw the heat map. Raises ImportError without matplotlib."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    shown = Map(found)
-    lines = list(_lines(shown.rows))
+    stability_map = Map(found)
+    lines = list(_lines(stability_map.rows))
     style: Any = {"svg.fonttype": "none", "svg.hashsalt": "cylconn_ros", "font.size": 9.0}
     with mpl.rc_context(style):
-        width, height = 3.2 + 1.08 * len(shown.columns), 1.5 + 0.30 * len(lines)
+        width, height = 3.2 + 1.08 * len(stability_map.columns), 1.5 + 0.30 * len(lines)
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.add_subplot()
-        _cells(axes, shown, lines)
-        _labels(axes, shown, lines)
+        _cells(axes, stability_map, lines)
+        _labels(axes, stability_map, lines)
         figure.suptitle(title, x=0.01, ha="left", fontsize=12)
     return figure
 
 
 def _lines(rows: Sequence[Condition]) -> Iterable[Condition | str]:
-    """Rows with a heading before each kind."""
+    """Rows with a heading before each kind of condition."""
     kind = ""
     for row in rows:
         if row.kind != kind:
@@ -131,33 +136,33 @@ def _lines(rows: Sequence[Condition]) -> Iterable[Condition | str]:
         yield row
 
 
-def _cells(axes: Axes, shown: Map, lines: Sequence[Condition | str]) -> None:
+def _cells(axes: Axes, stability_map: Map, lines: Sequence[Condition | str]) -> None:
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.patches import Rectangle
 
-    # From Okabe and Ito's vermilion over white to blue: told apart with any colour vision.
+    # Okabe and Ito's vermilion over white to blue: distinct with any colour vision.
     colours = LinearSegmentedColormap.from_list("survival", ["#D55E00", "#F4E4C8", "#0072B2"])
     for y, line in enumerate(lines):
         if isinstance(line, str):
             continue
-        for x, mark in enumerate(shown.line(line)):
-            tried = mark.share == mark.share
-            colour = colours(mark.share) if tried else "#F0F0F0"
+        for x, mark in enumerate(stability_map.line(line)):
+            measured = mark.share == mark.share
+            colour = colours(mark.share) if measured else "#F0F0F0"
             axes.add_patch(Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, color=colour, lw=0))
             ink = "white" if mark.share in (0.0, 1.0) else "#222222"
             small = 7.0 if len(mark.text) > 12 else 8.5
             text = mark.text.strip("*")
             axes.text(
                 x + 0.5, y + 0.52, text, ha="center", va="center", fontsize=small,
-                color=ink if tried else "#909090",
+                color=ink if measured else "#909090",
             )  # fmt: skip
 
 
-def _labels(axes: Axes, shown: Map, lines: Sequence[Condition | str]) -> None:
-    axes.set_xlim(0, len(shown.columns))
+def _labels(axes: Axes, stability_map: Map, lines: Sequence[Condition | str]) -> None:
+    axes.set_xlim(0, len(stability_map.columns))
     axes.set_ylim(len(lines), 0)
     axes.xaxis.tick_top()
-    names = [name.replace("_", "_\n").replace(" ", "\n", 1) for name in shown.columns]
+    names = [name.replace("_", "_\n").replace(" ", "\n", 1) for name in stability_map.columns]
     axes.set_xticks([x + 0.5 for x in range(len(names))], names)
     places = [y + 0.5 for y, line in enumerate(lines) if not isinstance(line, str)]
     axes.set_yticks(places, [line.name for line in lines if not isinstance(line, str)])
@@ -170,7 +175,7 @@ def _labels(axes: Axes, shown: Map, lines: Sequence[Condition | str]) -> None:
 
 
 def save(found: Findings, paths: Sequence[Path]) -> None:
-    """Write the picture; the ending says the format, .png or .svg."""
+    """Write the picture to each path, whose suffix determines the format (.png or .svg)."""
     figure = draw(found)
     for path in paths:
         metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}

@@ -1,7 +1,7 @@
-"""The scenes that the hard conditions are variations of: a sleeve on a shaft, and two free bodies.
+"""Base scenes of the hard conditions: a sleeve on a fixed shaft, and two free bodies.
 
-Wrenches are asked for at the mass centres in world axes, so that a late or held one is the same
-force whatever the body has done meanwhile.
+Wrenches act at the mass centres in world axes, so that a late or held wrench remains the same force
+when the body has moved.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from cylconn_ros.scene.scene import Scene
 
 LENGTH = 0.2  # m, node b from node a at the start
-SKEW = (0.010, 0.001, 0.0005, 0.020, 0.0008, 0.018)  # kg.m^2 a kg: no principal axes
+SKEW = (0.010, 0.001, 0.0005, 0.020, 0.0008, 0.018)  # kg.m^2 per kg: no principal axes
 BLOCK = (0.020, 0.0, 0.0, 0.050, 0.0, 0.040)
 FRICTION = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 2.0}
 Vector = tuple[float, float, float]
@@ -32,22 +32,22 @@ def sleeve(
     duration: float = 1.0,
     **more: Any,
 ) -> Scene:
-    """A body off its balance on a fixed level shaft, sliding and spinning.
+    """An unbalanced sleeve on a fixed level shaft, sliding and spinning.
 
     Args:
         velocity: m/s. spin: rad/s. com: mass centre from node b, m. duration: s.
-        slope: angle by which the shaft goes down; gravity is turned instead. rad.
-        tilt: initial misalignment, rad, of a sleeve whose axis is given.
-        more: further parameters, nested; they win.
+        slope: downward inclination of the shaft, rad; gravity is rotated instead.
+        tilt: initial misalignment, rad; the sleeve's axis is then given.
+        more: further parameters, nested; they override the others.
     """
     pose = [LENGTH, 0.0, 0.0, 0.0, math.sin(0.5 * tilt), 0.0, math.cos(0.5 * tilt)]
-    about = [spin * math.cos(tilt), 0.0, -spin * math.sin(tilt)]  # its own axis
+    spin_vector = [spin * math.cos(tilt), 0.0, -spin * math.sin(tilt)]  # about the sleeve's axis
     values = {
         "gravity": [9.81 * math.sin(slope), 0.0, -9.81 * math.cos(slope)],
         "body_a": {"kind": "fixed"},
         "body_b": {"mass": mass, "inertia": [mass * x for x in SKEW], "com": list(com)},
         "node_b": {"orientation": [0.0, 0.0, 0.0, 1.0]} if tilt else {},
-        "plant": {"body_b": {"pose": pose, "twist": [velocity, 0.0, 0.0, *about]}},
+        "plant": {"body_b": {"pose": pose, "twist": [velocity, 0.0, 0.0, *spin_vector]}},
     }
     return _scene(values, duration, more)
 
@@ -63,12 +63,12 @@ def pair(
     duration: float = 1.0,
     **more: Any,
 ) -> Scene:
-    """Two free bodies turning together, B sliding and spinning on A; no gravity.
+    """Two free bodies that rotate together, B sliding and spinning on A; no gravity.
 
     Args:
-        velocity: m/s. spin: rad/s, both of B on A. turning: angular velocity of A, rad/s.
-        mass_a: kg, B has 1 kg. inertia_a: times what a block of that mass has.
-        inertia_b: of B, kg.m^2. duration, more: as of ``sleeve``.
+        velocity (m/s), spin (rad/s): of B relative to A. turning: angular velocity of A, rad/s.
+        mass_a: kg; B has 1 kg. inertia_a: relative to a block of that mass.
+        inertia_b: of B, kg.m^2. duration, more: as for :func:`sleeve`.
     """
     w = np.array(turning)
     rate = np.cross(w, [LENGTH, 0.0, 0.0]) + [velocity, 0.0, 0.0]
@@ -101,7 +101,7 @@ def _scene(values: dict[str, Any], duration: float, more: dict[str, Any]) -> Sce
 
 
 def merged(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
-    """Nested dictionaries, ``change`` winning."""
+    """Merge nested dictionaries; values of ``change`` override those of ``base``."""
     both = dict(base)
     for name, value in change.items():
         old = both.get(name)
@@ -109,6 +109,6 @@ def merged(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
     return both
 
 
-def lasting(scene: Scene, duration: float) -> Scene:
-    """The scene for another duration, s."""
+def with_duration(scene: Scene, duration: float) -> Scene:
+    """The scene with another duration, s."""
     return dataclasses.replace(scene, plant=dataclasses.replace(scene.plant, duration=duration))

@@ -1,4 +1,4 @@
-"""Who tries to survive: our methods, and as guests what people use instead."""
+"""Solvers of the stability map: the methods of this package and external solvers."""
 
 from __future__ import annotations
 
@@ -7,47 +7,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylconn_ros.bench.common.errors import LeftOutError
-from cylconn_ros.bench.common.methods import available, served_by
+from cylconn_ros.bench.common.errors import NotApplicableError
+from cylconn_ros.bench.common.methods import with_method
 from cylconn_ros.bench.common.timing import Array
 from cylconn_ros.bench.stability.channel import Faults
-from cylconn_ros.bench.stability.loop import Trace, closed, loads_of
-from cylconn_ros.bench.stability.naive import PenaltyNode
+from cylconn_ros.bench.stability.loop import Trace, closed_loop, loads_of
+from cylconn_ros.bench.stability.naive import NaivePenalty
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.synchronizer import SampleMatcher
 from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import SOLVERS, TRAITS
 from cylconn_ros.scene.scene import Scene
 
 OFFLINE = "minimal offline"
-HAND = "penalty by hand"
+NAIVE = "naive penalty"
 MUJOCO, MUJOCO_LOOP = "MuJoCo", "MuJoCo loop"
-UNKNOWING = ("penalty", "augmented_lagrangian")
 INTEGRATORS = ("implicitfast", "RK4")
-RTOL = 1e-8
-MOST_STEPS = 200_000  # of the offline solution, between two samples
+RTOL = 1e-8  # of the offline solution
+MAX_STEPS = 200_000  # of the offline solution, between two samples
 
-Mover = Callable[[Scene, Faults], Trace]
+Simulate = Callable[[Scene, Faults], Trace]
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """Moves a scene's bodies for its duration, through faults.
+class Solver:
+    """Simulates a scene for its duration, with faults.
 
     Attributes
     ----------
         about: the set-up in a few words.
-        moves: one way to do it, or several of which the best counts. They raise LeftOutError where
-            they do not go with a scene, AbsentError where a package is missing.
+        setups: one or several set-ups; the best one counts. Each raises NotApplicableError if it
+            does not support a scene, NotInstalledError if a package is missing.
     """
 
     name: str
     about: str
-    moves: tuple[Mover, ...]
+    setups: tuple[Simulate, ...]
 
 
-class Ours:
-    """A connector, fed as the node feeds it: matched by stamp, answering each stamp once."""
+class ConnectorSolver:
+    """A Connector behind a synchronizer, as in the node: each stamp is processed once."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -58,12 +58,12 @@ class Ours:
         self._moving = [k for k, body in enumerate(scene.bodies) if body.kind != "fixed"]
         self._world = scene.world_frame
 
-    def answer(self, sample: Array) -> Array:
-        """(12,) of a sample that is the next."""
+    def step(self, sample: Array) -> Array:
+        """(12,) wrenches of the next sample (NSAMPLE,)."""
         return self.connector.step(sample, out=self.out)[: layout.STATE0]
 
     def receive(self, stamp: int, sample: Array) -> Array:
-        """(12,) the newest answer after a sample that may be any."""
+        """(12,) the newest wrenches after any sample has arrived; stamp in ns."""
         numbers, matched = sample.tolist(), None
         for body in self._moving:
             at = (layout.A_POSE, layout.B_POSE)[body]
@@ -71,53 +71,49 @@ class Ours:
             matched = self.matcher.twist(body, stamp, self._world, numbers[at + 7 : at + 13])
         if matched is not None and not matched.repeated:
             if matched.restarted:
-                self.connector.begin_anew()
+                self.connector.reset(keep_in_flight=True)
             self.connector.step(self.matcher.sample, matched.h, self.out)
         return self.out[: layout.STATE0]
 
 
-def contestants() -> list[Contestant]:
-    """Everybody, in the order of the map's columns."""
-    about = {
-        "impulse": "the default where inertia is known",
-        "minimal": "the mean wrench of the integrated motion",
-        "baumgarte": "the textbook: multipliers of accelerations, regularised friction",
-        "augmented_lagrangian": "gains of a careful user for each scene",
-        "penalty": "gains of a careful user for each scene",
-    }
-    ours = [
-        Contestant(name, about[name], (_Served(name),)) for name in about if name in available()
+def solvers() -> list[Solver]:
+    """All solvers in the order of the map's columns."""
+    gains = "; gains of a careful user for each scene"
+    methods = [
+        Solver(name, traits.summary + (gains if traits.uses_gains else ""), (_Method(name),))
+        for name, traits in TRAITS.items()
+        if name in SOLVERS
     ]
     return [
-        *ours[:2],
-        Contestant(OFFLINE, "no wrench: the scene in its own coordinates, 1e-8", (_offline,)),
-        *ours[2:],
-        Contestant(HAND, "the same springs, friction mu FN tanh(|s|/1 mm/s)", (_by_hand,)),
-        Contestant(
+        *methods[:1],
+        Solver(OFFLINE, "no wrench: integrated in joint coordinates to 1e-8", (_offline,)),
+        *methods[1:],
+        Solver(NAIVE, "the same springs, friction mu FN tanh(|s|/1 mm/s)", (_naive,)),
+        Solver(
             MUJOCO,
             "slide and hinge, frictionloss of the start; the better of implicitfast and RK4",
-            tuple(_Mujoco(integrator, looped=False) for integrator in INTEGRATORS),
+            tuple(_Mujoco(integrator, friction_loop=False) for integrator in INTEGRATORS),
         ),
-        Contestant(
+        Solver(
             MUJOCO_LOOP,
             "frictionloss of the last step's reaction; the better of implicitfast and RK4",
-            tuple(_Mujoco(integrator, looped=True) for integrator in INTEGRATORS),
+            tuple(_Mujoco(integrator, friction_loop=True) for integrator in INTEGRATORS),
         ),
     ]
 
 
 @dataclass(frozen=True)
-class _Served:
+class _Method:
     method: str
 
     def __call__(self, scene: Scene, faults: Faults) -> Trace:
-        known = scene if self.method not in UNKNOWING else _unknown(scene)
-        served = served_by(known, self.method)
-        return closed(served, Ours(served), faults)
+        known = scene if TRAITS[self.method].needs_inertia else _with_unknown_inertia(scene)
+        configured = with_method(known, self.method)
+        return closed_loop(configured, ConnectorSolver(configured), faults)
 
 
-def _unknown(scene: Scene) -> Scene:
-    """The scene without what a method for unknown inertia would not be told."""
+def _with_unknown_inertia(scene: Scene) -> Scene:
+    """The scene with free bodies of unknown inertia, for methods that do not need it."""
     values = scene.parameters()
     for body in ("body_a", "body_b"):
         if values[f"{body}.kind"] == "free":
@@ -125,37 +121,37 @@ def _unknown(scene: Scene) -> Scene:
     try:
         return Scene.from_parameters(values)
     except SceneError as error:
-        raise LeftOutError(str(error)) from None
+        raise NotApplicableError(str(error)) from None
 
 
-def _by_hand(scene: Scene, faults: Faults) -> Trace:
+def _naive(scene: Scene, faults: Faults) -> Trace:
     if scene.latency != 0:
-        raise LeftOutError("knows nothing of late wrenches")
-    return closed(scene, PenaltyNode(served_by(scene, "penalty")), faults)
+        raise NotApplicableError("has no latency compensation")
+    return closed_loop(scene, NaivePenalty(with_method(scene, "penalty")), faults)
 
 
-def _alone(faults: Faults) -> None:
+def _require_no_faults(faults: Faults) -> None:
     if faults.any:
-        raise LeftOutError("nothing is sent: the joint is within")
+        raise NotApplicableError("has no channel: it simulates the joint itself")
 
 
 def _offline(scene: Scene, faults: Faults) -> Trace:
     from cylconn_ros.simulation.minimal import solve
 
-    _alone(faults)
+    _require_no_faults(faults)
     if scene.reference.misalignment == "zero" and scene.node_b.orientation:
-        raise LeftOutError("its coordinates hold the misalignment: nothing is pulled in")
+        raise NotApplicableError("joint coordinates keep the misalignment: no pull-in")
     times = np.arange(0.0, scene.plant.duration, scene.period, dtype=np.float64)
-    return Trace(times, solve(scene, times[-1], RTOL, times, MOST_STEPS).states)
+    return Trace(times, solve(scene, times[-1], RTOL, times, MAX_STEPS).states)
 
 
 @dataclass(frozen=True)
 class _Mujoco:
     integrator: str
-    looped: bool
+    friction_loop: bool
 
     def __call__(self, scene: Scene, faults: Faults) -> Trace:
-        from cylconn_ros.bench.stability.mujoco import moved
+        from cylconn_ros.bench.stability.mujoco import simulate
 
-        _alone(faults)
-        return moved(scene, self.integrator, self.looped)
+        _require_no_faults(faults)
+        return simulate(scene, self.integrator, self.friction_loop)

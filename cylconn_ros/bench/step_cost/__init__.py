@@ -1,1 +1,1 @@
-"""Cost of a step, of model features and of start-up."""
+"""Cost of a step, of each model feature, and of the start-up."""

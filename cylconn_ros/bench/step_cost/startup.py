@@ -1,58 +1,60 @@
-"""From the start of a fresh process to its first answer, with a cold and a warm compile cache."""
+"""Time from process start to the first step, with a cold and a warm compile cache."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from cylconn_ros.bench.common.results import Findings, Gap, Measurement, Target
+from cylconn_ros.bench.common.results import Findings, Measurement, NotMeasured, Target
 from cylconn_ros.bench.common.settings import Settings
-from cylconn_ros.bench.common.timing import Spread
+from cylconn_ros.bench.common.timing import Spread, run_interleaved
 from cylconn_ros.bench.step_cost import kernel
 from cylconn_ros.bench.step_cost.worker import Worker
 from cylconn_ros.core.jit import COMPILED
 
-PROBLEM = "start to first answer"
+CASE = "start to first step"
+COLD, WARM, NOT_COMPILED = "cold compile cache", "warm compile cache", "plain Python"
 WALL, CPU = "wall time", "CPU time"
 LIMIT = 2.0  # s
 
 
 def measure(settings: Settings) -> Findings:
-    """Cold once, as compiling takes long; warm several times. Plain Python for comparison."""
+    """One cold start, because compiling is slow; several warm starts and starts of plain Python."""
     found = Findings()
-    stretch = kernel.stretches(settings)[0]
+    case = kernel.step_cases(settings)[0]
+    starts: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = kernel.write(stretch.scene, stretch.samples[:1], folder)
-
-        def start(**environment: str) -> tuple[float, float]:
-            with Worker(*files, environment) as worker:
-                if worker.first["status"]:
-                    raise RuntimeError("the first answer is not an answer")
-                return worker.wall, float(worker.first["cpu"])
-
-        def keep(contestant: str, starts: list[tuple[float, float]]) -> None:
-            for quantity, seconds in zip((WALL, CPU), zip(*starts, strict=True), strict=True):
-                spread = Spread.of(seconds)
-                found.measurements.append(
-                    Measurement.of(PROBLEM, contestant, quantity, spread, "s")
-                )
-
-        cache: dict[str, str] = {}
+        start = partial(_start, *kernel.write(case.scene, case.samples[:1], folder))
+        turns: dict[str, Callable[[], tuple[float, float]]] = {}
         if not COMPILED:
-            found.gaps.append(Gap(PROBLEM, "compiled", "absent", "the compiler is not installed"))
+            reason = "the compiler is not installed"
+            found.not_measured.append(NotMeasured(CASE, WARM, "not installed", reason))
         elif settings.quick:
-            found.gaps.append(
-                Gap(PROBLEM, "cold compile cache", "left out", "compiling is too long for --quick")
-            )
-            start()  # whatever the user's cache was, it is warm now
+            reason = "compiling takes too long for --quick"
+            found.not_measured.append(NotMeasured(CASE, COLD, "skipped", reason))
+            start()  # compiles if the user's cache is cold
+            turns[WARM] = start
         else:
-            cache = {"CYLCONN_CACHE_DIR": str(folder / "cache")}
-            keep("cold compile cache", [start(**cache)])
-        if COMPILED:
-            keep("warm compile cache", [start(**cache) for _ in range(settings.starts)])
-        plain = [start(CYLCONN_NO_COMPILER="1") for _ in range(settings.starts)]
-        keep("plain Python", plain)
-    warm = found.value(PROBLEM, "warm compile cache", WALL)
-    found.targets.append(Target(f"{PROBLEM}, warm compile cache", warm, LIMIT, "s"))
+            cached = partial(start, CYLCONN_CACHE_DIR=str(folder / "cache"))
+            starts[COLD] = [cached()]
+            turns[WARM] = cached
+        turns[NOT_COMPILED] = partial(start, CYLCONN_NO_COMPILER="1")
+        starts.update(run_interleaved(turns, settings.starts))
+    for subject, times in starts.items():
+        for quantity, seconds in zip((WALL, CPU), zip(*times, strict=True), strict=True):
+            spread = Spread.of(seconds)
+            found.measurements.append(Measurement.of(CASE, subject, quantity, spread, "s"))
+    value = found.value(CASE, WARM, WALL)
+    found.targets.append(Target(f"{CASE}, {WARM}", value, LIMIT, "s"))
     return found
+
+
+def _start(scene: Path, samples: Path, **environment: str) -> tuple[float, float]:
+    """Wall time and CPU time (s) of one start."""
+    with Worker(scene, samples, environment) as worker:
+        if worker.first["status"]:
+            raise RuntimeError(f"the first step has status {worker.first['status']}")
+        return worker.wall, float(worker.first["cpu"])

@@ -1,21 +1,24 @@
-"""A fresh process that answers samples: for start-up times, and for Python without the compiler.
+"""A fresh process that runs a connector: for start-up times, and for Python without the compiler.
 
-``python -m cylconn_ros.bench.step_cost.worker SCENE SAMPLES`` reads a parameter file and samples (.npy),
-answers the first one and says so in a line of JSON. Then for every line with a number n on its
-input it answers n more, one call each, and prints the CPU seconds that took, until its input ends.
+``python -m cylconn_ros.bench.step_cost.worker SCENE SAMPLES`` loads a parameter file and samples
+(.npy), processes the first sample and writes a line of JSON about it. For each line with a number n
+on its input it then processes n samples, one call each, and writes the CPU time (s) of these calls.
+It ends when its input ends.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+from cylconn_ros.errors import ProcessError
+from cylconn_ros.process.child import Child, module_command
 
 
 def main() -> int:
@@ -51,50 +54,36 @@ def main() -> int:
 
 
 class Worker:
-    """The parent's end of a worker; a context manager.
+    """Parent side of a worker process; a context manager.
 
     Attributes
     ----------
-        first: what the worker said with its first answer. wall: seconds from start to that line.
+        first: data of the first step: compiled, method, status, CPU time since the start (s).
+        wall: wall time from the start of the process to the end of its first step, s.
 
-    Raises RuntimeError where the worker ends before it answers.
+    Raises ProcessError if the worker ends before its first step is done.
     """
 
     def __init__(self, scene: Path, samples: Path, environment: Mapping[str, str]) -> None:
-        # A user's process does not inherit what this one has prepared for the ROS libraries.
-        clean = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "cylconn_ros.bench.step_cost.worker", str(scene), str(samples)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**clean, **environment},
-        )
+        command = module_command("cylconn_ros.bench.step_cost.worker", str(scene), str(samples))
         started = time.perf_counter()
-        line = self._read()
+        self._process = Child(
+            "the worker process", command, {**os.environ, **environment}, json_lines=True
+        )
+        try:
+            self.first: dict[str, Any] = self._process.read()
+        except ProcessError:
+            self._process.finish()
+            raise
         self.wall = time.perf_counter() - started
-        self.first: dict[str, Any] = json.loads(line)
 
     def block(self, n: int) -> float:
-        """CPU seconds of n answers."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{n}\n")
-        self._process.stdin.flush()
-        return float(self._read())
+        """CPU time of n steps, s."""
+        return float(self._process.request(n))
 
     def close(self) -> None:
-        """End the process by ending its input."""
-        self._process.communicate()
-
-    def _read(self) -> str:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            _, said = self._process.communicate()
-            last = said.strip().splitlines()[-1:] or ["nothing was said"]
-            raise RuntimeError(f"the worker process ended: {last[0]}")
-        return line
+        """End the process."""
+        self._process.finish()
 
     def __enter__(self) -> Worker:
         return self

@@ -1,26 +1,26 @@
-r"""The two bodies by the scene's own coordinates, and what a wrench at node b does to these.
+r"""Joint coordinates: configuration of both bodies and equations of motion of slide and spin.
 
-y = (l, alpha, l', alpha', ...): slide and spin alone where one body moves by itself (fixed, or
-driven at constant twist); followed by pose and twist of A, at its mass centre, where both are free:
+y = (l, alpha, l', alpha', ...): slide and spin if one body is prescribed (fixed, or driven at
+constant twist); followed by pose and twist of A at its mass centre if both are free:
 
     y = (l, alpha, v1, w1 | x_A 3, q_A 4, v_A 3, w_A 3)
 
-The offsets y0, z0 and the misalignment are the held ones, so B turns about its own e1b, which is
-e1a where aligned. Moments are counted in node b's untwisted axes N = E S (S the held swing), forces
-in the axes of a, E; both turn with A. With rA, rB the arms of xb,
+The offsets y0, z0 and the misalignment are constant, so that B rotates about its own e1b, which is
+e1a without a misalignment. Moments are expressed in the untwisted axes of node b, N = E S (S the
+held swing), forces in the axes of a, E; both rotate with A. With rA, rB the arms of xb,
 
     (l'', 0, 0)     = E^T [aB + w'B x rB + wB x (wB x rB) - aA - w'A x rA - wA x (wA x rA)
                            - 2 wA x l' e1a]
     (alpha'', 0, 0) = N^T [w'B - w'A - wA x alpha' e1b]
 
-are six equations for l'', alpha'' and the constraint's f2 f3 m2 m3.
+are six equations for l'', alpha'' and the constraint reactions f2 f3 m2 m3.
 """
 
 import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
-from cylconn_ros.core.delassus import Inertia, of_body, of_both, swung
+from cylconn_ros.core.delassus import DelassusOperator, in_swing_axes, of_body, sum_of_bodies
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Frame
@@ -50,35 +50,32 @@ ANGLE: Final = 1
 SLIDE: Final = 2
 SPIN: Final = 3
 A_COM: Final = 4
-A_TURN: Final = 7
+A_ORIENTATION: Final = 7
 A_VELOCITY: Final = 11
 A_SPIN: Final = 14
 
-# --- what the coordinates are counted from: (NJOINT,) ---
-MODE: Final = 0  # which body moves by itself
+# --- constants of the coordinates: (NJOINT,) ---
+MODE: Final = 0  # the prescribed body
 PRESCRIBED: Final = 1  # its mass centre, orientation, velocity, spin at t = 0: 13
 OFFSETS: Final = 14  # y0, z0
 SWING: Final = 16  # the held swing as a quaternion, 4
 AXES_B: Final = 20  # node b's orientation in body B, 4
 LOADS: Final = 24  # force, torque about the frame's origin, on A, on B: 12, world axes
-HELD_TORQUE: Final = 36  # whether the loads' torques about the mass centres are held instead
-CONSTITUTIVE: Final = 37  # l1ref, theta1ref
-SHAFT: Final = (
-    39  # whether the lean equations hold (methods/minimal/fixed_shaft.py), and their constants:
-)
-TURNING: Final = 40  # of l'', alpha'', base 4: k0 k1 k2 k3 each
-MOBILITY: Final = 64  # S, 3
-BY_F1: Final = 67  # 4
-BY_M1: Final = 71  # 4
-NJOINT: Final = 75
+SPRING_REFERENCE: Final = 36  # l1ref, theta1ref
+FIXED_SHAFT: Final = 38  # whether the reduction of methods/minimal/fixed_shaft.py holds; constants:
+HARMONICS: Final = 39  # of l'', alpha'', base 4: k0 k1 k2 k3 each
+MOBILITY: Final = 63  # S, 3
+BY_F1: Final = 66  # 4
+BY_M1: Final = 70  # 4
+NJOINT: Final = 74
 
-A_MOVES: Final = 0  # A moves by itself, B is free
-B_MOVES: Final = 1
+A_PRESCRIBED: Final = 0  # the motion of A is prescribed, B is free
+B_PRESCRIBED: Final = 1
 BOTH_FREE: Final = 2
 
 
-class Place(NamedTuple):
-    """Both bodies, the connector's geometry, the axes N."""
+class Configuration(NamedTuple):
+    """Motion of both bodies, geometry of the connector, axes N."""
 
     a: Motion
     b: Motion
@@ -86,7 +83,7 @@ class Place(NamedTuple):
     untwisted: Matrix
 
 
-class Reduced(NamedTuple):
+class ReducedEquations(NamedTuple):
     """Accelerations of slide and spin, constraint reactions, as functions of (f1, m1).
 
     (l'', alpha'') = free + S (f1, m1);    (f2 f3 m2 m3) = base + by_f1 f1 + by_m1 m1
@@ -100,13 +97,13 @@ class Reduced(NamedTuple):
 
 
 @inline_function
-def _about_e1(angle: float) -> Quaternion:
+def _rotation_about_e1(angle: float) -> Quaternion:
     return (math.sin(0.5 * angle), 0.0, 0.0, math.cos(0.5 * angle))
 
 
 @inline_function
-def _moved(joint: Array, t: float) -> Motion:
-    """The body that moves by itself, at t."""
+def _prescribed_motion(joint: Array, t: float) -> Motion:
+    """The motion of the prescribed body at t."""
     at = PRESCRIBED
     v, w = model.vector(joint, at + 7), model.vector(joint, at + 10)
     q = model.quaternion(joint, at + 3)
@@ -119,15 +116,15 @@ def _moved(joint: Array, t: float) -> Motion:
 
 
 @inline_function
-def place(par: Array, joint: Array, t: float, y: Array) -> Place:
-    """The bodies at time t and coordinates y."""
+def configuration(par: Array, joint: Array, t: float, y: Array) -> Configuration:
+    """The configuration at time t and coordinates y."""
     swing = model.quaternion(joint, SWING)
     nodes = model.nodes(par, swing)
     axes_b = model.quaternion(joint, AXES_B)
     at_b = (y[LENGTH], joint[OFFSETS], joint[OFFSETS + 1])
-    twist = _about_e1(y[ANGLE])
-    if joint[MODE] == B_MOVES:
-        b = _moved(joint, t)
+    twist = _rotation_about_e1(y[ANGLE])
+    if joint[MODE] == B_PRESCRIBED:
+        b = _prescribed_motion(joint, t)
         arm_b = out_of(matrix(b.orientation), nodes.b)
         qn = multiply(multiply(b.orientation, axes_b), conjugate(twist))
         qe = multiply(qn, conjugate(swing))
@@ -139,16 +136,16 @@ def place(par: Array, joint: Array, t: float, y: Array) -> Place:
         va = sub(add(b.velocity, cross(b.spin, arm_b)), cross(wa, arm_a))
         va = add_scaled(va, -y[SLIDE], axes[0])
         a = Motion(sub(add(b.com, arm_b), arm_a), qa, va, wa)
-        return Place(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
+        return Configuration(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
     if joint[MODE] == BOTH_FREE:
         a = Motion(
             model.vector(y, A_COM),
-            normalised(model.quaternion(y, A_TURN)),
+            normalised(model.quaternion(y, A_ORIENTATION)),
             model.vector(y, A_VELOCITY),
             model.vector(y, A_SPIN),
         )
     else:
-        a = _moved(joint, t)
+        a = _prescribed_motion(joint, t)
     qe = multiply(a.orientation, nodes.a_axes)
     qn = multiply(qe, swing)
     axes, untwisted = matrix(qe), matrix(qn)
@@ -159,32 +156,31 @@ def place(par: Array, joint: Array, t: float, y: Array) -> Place:
     wb = add_scaled(a.spin, y[SPIN], untwisted[0])
     vb = add_scaled(add(a.velocity, cross(a.spin, arm_a)), y[SLIDE], axes[0])
     b = Motion(sub(add(a.com, arm_a), arm_b), qb, sub(vb, cross(wb, arm_b)), wb)
-    return Place(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
+    return Configuration(a, b, Frame(axes, swing, d, arm_a, arm_b), untwisted)
 
 
 @inline_function
 def acceleration(
     par: Array, joint: Array, body: Body, m: Motion, load: int, force: Vector, torque: Vector
 ) -> tuple[Vector, Vector]:
-    """Of the mass centre and of the spin, under gravity, load and a further force and torque."""
+    """Linear and angular acceleration under gravity, load and a further force and torque."""
     if not body.free:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     outer, moment = model.vector(joint, LOADS + load), model.vector(joint, LOADS + load + 3)
-    if joint[HELD_TORQUE] == 0.0:
-        moment = sub(moment, cross(out_of(matrix(m.orientation), body.com), outer))
+    moment = sub(moment, cross(out_of(matrix(m.orientation), body.com), outer))
     a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, add(force, outer))
     return a, angular_acceleration(body, m.orientation, m.spin, add(torque, moment))
 
 
 @inline_function
-def inertia_at(par: Array, p: Place) -> Inertia:
-    """G: forces in the axes of a, moments and spins in N."""
+def delassus_at(par: Array, p: Configuration) -> DelassusOperator:
+    """G with forces in the axes of a, moments and angular velocities in N."""
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
-    g = of_both(
+    g = sum_of_bodies(
         of_body(body_a, p.frame.axes, p.a.orientation, p.frame.arm_a),
         of_body(body_b, p.frame.axes, p.b.orientation, p.frame.arm_b),
     )
-    return swung(g, p.frame.swing)
+    return in_swing_axes(g, p.frame.swing)
 
 
 @inline_function
@@ -193,16 +189,16 @@ def _dot4(a: Four, b: Four) -> float:
 
 
 @inline_function
-def eliminated(g: Inertia, v: Vector, w: Vector) -> Reduced:
-    """Reduce to slide and spin: v, w the relative accelerations (or rates) without a wrench."""
+def eliminate_constraint(g: DelassusOperator, v: Vector, w: Vector) -> ReducedEquations:
+    """Reduce to slide and spin; v, w: relative accelerations (or rates) without a wrench."""
     ff, fm, mm = g.ff, g.fm, g.mm
     lower = factor(ff[3], ff[4], ff[5], fm[1][1], fm[2][1], mm[3], fm[1][2], fm[2][2], mm[4], mm[5])
     base = solve(lower, -v[1], -v[2], -w[1], -w[2])
-    of_f1 = (ff[1], ff[2], fm[0][1], fm[0][2])  # what f1 does to the constrained rows
+    of_f1 = (ff[1], ff[2], fm[0][1], fm[0][2])  # columns of f1, m1 in the constrained rows
     of_m1 = (fm[1][0], fm[2][0], mm[1], mm[2])
     by_f1 = solve(lower, -of_f1[0], -of_f1[1], -of_f1[2], -of_f1[3])
     by_m1 = solve(lower, -of_m1[0], -of_m1[1], -of_m1[2], -of_m1[3])
-    return Reduced(
+    return ReducedEquations(
         (v[0] + _dot4(of_f1, base), w[0] + _dot4(of_m1, base)),
         (ff[0] + _dot4(of_f1, by_f1), fm[0][0] + _dot4(of_f1, by_m1), mm[0] + _dot4(of_m1, by_m1)),
         base,
@@ -212,8 +208,8 @@ def eliminated(g: Inertia, v: Vector, w: Vector) -> Reduced:
 
 
 @inline_function
-def reduced(par: Array, joint: Array, y: Array, p: Place) -> Reduced:
-    """The equations of motion of slide and spin in place p."""
+def reduced_equations(par: Array, joint: Array, y: Array, p: Configuration) -> ReducedEquations:
+    """The equations of motion of slide and spin in the configuration p."""
     none = (0.0, 0.0, 0.0)
     a, alpha = acceleration(par, joint, model.body(par, model.BODY_A), p.a, 0, none, none)
     b, beta = acceleration(par, joint, model.body(par, model.BODY_B), p.b, 6, none, none)
@@ -223,12 +219,12 @@ def reduced(par: Array, joint: Array, y: Array, p: Place) -> Reduced:
     a = add_scaled(a, 2.0 * y[SLIDE], cross(wa, f.axes[0]))
     v = into(f.axes, sub(b, a))
     w = sub(sub(beta, alpha), scale(y[SPIN], cross(wa, p.untwisted[0])))
-    return eliminated(inertia_at(par, p), v, into(p.untwisted, w))
+    return eliminate_constraint(delassus_at(par, p), v, into(p.untwisted, w))
 
 
 @inline_function
-def wrench_on_b(p: Place, x: tuple[float, float], c: Four) -> tuple[Vector, Vector]:
-    """Force and moment at node b, world axes, of (f1, m1) and the constraint's f2 f3 m2 m3."""
+def wrench_on_b(p: Configuration, x: tuple[float, float], c: Four) -> tuple[Vector, Vector]:
+    """Force and moment on B at node b, world axes, of (f1, m1) and the reactions f2 f3 m2 m3."""
     return (
         out_of(p.frame.axes, (x[0], c[0], c[1])),
         out_of(p.untwisted, (x[1], c[2], c[3])),

@@ -1,26 +1,25 @@
-"""What an integrated motion is at given times, a row of numbers each."""
+"""Dense output of the integrated motion: one row of numbers per requested time."""
 
 import math
 from typing import Final
 
 import numpy as np
 
-from cylconn_ros.core import layout as out_at
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import allocating_kernel, device_function
-from cylconn_ros.core.relative_state import observe
+from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import cross, matrix, out_of, sub
-from cylconn_ros.methods.minimal import derivatives as rates
-from cylconn_ros.methods.minimal.coordinates import place, reduced
+from cylconn_ros.methods.minimal import derivatives
+from cylconn_ros.methods.minimal.coordinates import configuration, reduced_equations
 from cylconn_ros.methods.minimal.derivatives import size_of
 from cylconn_ros.methods.minimal.forces import instant_of
-from cylconn_ros.methods.minimal.initial import begin_imposed, start
-from cylconn_ros.methods.minimal.integrate import Ran, integrate
-from cylconn_ros.methods.minimal.one_step import State
+from cylconn_ros.methods.minimal.initial import apply_imposed_motion, initial_state
+from cylconn_ros.methods.minimal.integrate import IntegrationResult, integrate
+from cylconn_ros.methods.minimal.one_step import ContactState
 
-# --- a row: poses and twists of both bodies as in a sample, and then ---
+# --- a row: poses and twists of both bodies as in a sample, followed by ---
 COORDINATES: Final = 26  # length, angle, their rates
 FORCES: Final = 30  # f1 f2 f3 m1 m2 m3
 FRICTION: Final = 36  # f1f, m1f
@@ -30,27 +29,27 @@ TRACTION: Final = 41
 LIMIT: Final = 42
 REGIME: Final = 43
 INTEGRALS: Final = 44
-WIDTH: Final = INTEGRALS + rates.INTEGRALS
+WIDTH: Final = INTEGRALS + derivatives.INTEGRALS
 
 
 @device_function
-def _put_body(row: Array, first: int, body: Body, m: Motion) -> None:
-    """Pose and twist of the body's frame."""
+def _write_body(row: Array, first: int, body: Body, m: Motion) -> None:
+    """Write pose and twist of the body's frame to ``row`` from index ``first``."""
     arm = out_of(matrix(m.orientation), body.com)
-    model.put(row, first, sub(m.com, arm))
+    model.write_vector(row, first, sub(m.com, arm))
     for k in range(4):
         row[first + 3 + k] = m.orientation[k]
-    model.put(row, first + 7, sub(m.velocity, cross(m.spin, arm)))
-    model.put(row, first + 10, m.spin)
+    model.write_vector(row, first + 7, sub(m.velocity, cross(m.spin, arm)))
+    model.write_vector(row, first + 10, m.spin)
 
 
 @device_function
-def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) -> None:
+def write_row(par: Array, joint: Array, t: float, y: Array, s: ContactState, row: Array) -> None:
     """Fill ``row`` (WIDTH,) for the coordinates y at t."""
-    p = place(par, joint, t, y)
-    i = instant_of(par, joint, y, reduced(par, joint, y, p), s.stuck, s.sides)
-    _put_body(row, out_at.A_POSE, model.body(par, model.BODY_A), p.a)
-    _put_body(row, out_at.B_POSE, model.body(par, model.BODY_B), p.b)
+    p = configuration(par, joint, t, y)
+    i = instant_of(par, joint, y, reduced_equations(par, joint, y, p), s.stuck, s.sides)
+    _write_body(row, layout.A_POSE, model.body(par, model.BODY_A), p.a)
+    _write_body(row, layout.B_POSE, model.body(par, model.BODY_B), p.b)
     for k in range(4):
         row[COORDINATES + k] = y[k]
     f, c = FORCES, i.constraint
@@ -59,30 +58,36 @@ def put_row(par: Array, joint: Array, t: float, y: Array, s: State, row: Array) 
     row[FRICTION], row[FRICTION + 1] = i.friction
     row[REACTION], row[REACTION + 1] = i.reaction
     row[NORMAL], row[TRACTION], row[LIMIT] = i.normal, i.traction, i.limit
-    regime = out_at.STICK if s.stuck else out_at.SLIP
-    row[REGIME] = regime if model.law(par).on else out_at.FRICTIONLESS
+    regime = layout.STICK if s.stuck else layout.SLIP
+    row[REGIME] = regime if model.law(par).on else layout.FRICTIONLESS
     n = size_of(joint)
-    for k in range(rates.INTEGRALS):
+    for k in range(derivatives.INTEGRALS):
         row[INTEGRALS + k] = y[n + k]
 
 
 @allocating_kernel
-def begin(par: Array, sample: Array, joint: Array, y: Array) -> None:
-    """Fill ``joint`` (NJOINT,) and ``y`` from the first sample (NSAMPLE,), as the scene says."""
+def initial_coordinates(par: Array, sample: Array, joint: Array, y: Array) -> None:
+    """Fill ``joint`` (NJOINT,) and ``y`` from the first sample (NSAMPLE,) and imposed motions."""
     mem = np.zeros(model.NMEM)
-    observed = observe(par, mem, sample, np.zeros(out_at.NOUT))
-    start(par, mem, sample, observed, False, joint, y)
-    begin_imposed(par, joint, y)
+    observed = measure(par, mem, sample, np.zeros(layout.NOUT))
+    initial_state(par, mem, sample, observed, joint, y)
+    apply_imposed_motion(par, joint, y)
 
 
 @allocating_kernel
 def trajectory(
     par: Array, joint: Array, y: Array, times: Array, tolerance: float, first: float,
     rows: Array, log: Array, most: int,
-) -> Ran:  # fmt: skip
+) -> IntegrationResult:  # fmt: skip
     """Integrate from 0 through ``times`` (N,), ascending, and fill ``rows`` (N, WIDTH)."""
-    ran = Ran(
-        0.0, State(False, (0, 0), False, False, False, -math.inf), 0, 0, True, False, math.inf
+    ran = IntegrationResult(
+        0.0,
+        ContactState(False, (0, 0), False, False, False, -math.inf),
+        0,
+        0,
+        True,
+        False,
+        math.inf,
     )
     evaluations, coarse = 0, math.inf
     for k in range(times.shape[0]):
@@ -95,5 +100,7 @@ def trajectory(
         coarse = min(coarse, ran.coarse)
         if not ran.complete:
             break
-        put_row(par, joint, times[k], y, ran.state, rows[k])
-    return Ran(ran.t, ran.state, ran.events, evaluations, ran.complete, ran.blocked, coarse)
+        write_row(par, joint, times[k], y, ran.state, rows[k])
+    return IntegrationResult(
+        ran.t, ran.state, ran.events, evaluations, ran.complete, ran.blocked, coarse
+    )

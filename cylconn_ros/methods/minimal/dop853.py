@@ -45,4 +45,6 @@ E3 = np.array([
     0.02265179219836082,
 ])
 # fmt: on
-AT_END = B[:-1] - A[-(STAGES - 1) :]  # the step's end less its last stage, both at the same time
+LAST_STAGE_DIFFERENCE = (
+    B[:-1] - A[-(STAGES - 1) :]
+)  # end of the step minus its last stage, at equal times

@@ -1,13 +1,13 @@
-"""Steps through slow slip, where friction is stiff: Radau IIA of order 5.
+"""Radau IIA of order 5 for slow slip, in which friction makes the equations stiff.
 
-Slip of size |s| pulls its direction into place at the rate P G/|s|, G the inverse inertia across
-it: without bound as |s| goes to zero, and far faster than anything moves where friction is large
-against what accelerates. An explicit step may not be longer than a few times the inverse of that.
+Friction changes the direction of slip at the rate P G/|s|, G the inverse inertia normal to it. The
+rate is unbounded for |s| towards zero, and exceeds all others if friction is large compared with
+the accelerating forces. An explicit step is limited to a few times its inverse.
 
-Three stages Y_i = y + z_i, z = h (A x I) f(Y), by simplified Newton iterations: only the two
-rates react stiffly, and only to themselves, so the Jacobian is their 2x2 block by differences and
-the rest is iterated as it is (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
-IV.8).
+Three stages Y_i = y + z_i, z = h (A x I) f(Y), by simplified Newton iterations. Only the two rates
+are stiff, and only with respect to themselves: the Jacobian is their 2x2 block by finite
+differences, and the other components use fixed-point iteration (Hairer, Wanner, Solving Ordinary
+Differential Equations II, 1996, IV.8).
 """
 
 import math
@@ -15,8 +15,8 @@ from typing import Final
 
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function
-from cylconn_ros.methods.minimal import coordinates as at
-from cylconn_ros.methods.minimal.derivatives import rates_at
+from cylconn_ros.methods.minimal import coordinates
+from cylconn_ros.methods.minimal.derivatives import derivatives_at
 from cylconn_ros.methods.minimal.forces import Sides
 
 S6 = math.sqrt(6.0)
@@ -46,13 +46,20 @@ def jacobian(
     """d(l'', alpha'')/d(v1, w1) by forward differences: 11, 12, 21, 22."""
     for c in range(2):
         step = 1e-7 * (slip if c == 0 else slip / radius)
-        kept = y[at.SLIDE + c]
-        y[at.SLIDE + c] = kept + step
-        rates_at(par, joint, t, y, False, sides, k[F + c])
-        y[at.SLIDE + c] = kept
+        kept = y[coordinates.SLIDE + c]
+        y[coordinates.SLIDE + c] = kept + step
+        derivatives_at(par, joint, t, y, False, sides, k[F + c])
+        y[coordinates.SLIDE + c] = kept
         for r in range(2):
-            k[F + c, at.SLIDE + r] = (k[F + c, at.SLIDE + r] - k[0, at.SLIDE + r]) / step
-    return (k[F, at.SLIDE], k[F + 1, at.SLIDE], k[F, at.SPIN], k[F + 1, at.SPIN])
+            k[F + c, coordinates.SLIDE + r] = (
+                k[F + c, coordinates.SLIDE + r] - k[0, coordinates.SLIDE + r]
+            ) / step
+    return (
+        k[F, coordinates.SLIDE],
+        k[F + 1, coordinates.SLIDE],
+        k[F, coordinates.SPIN],
+        k[F + 1, coordinates.SPIN],
+    )
 
 
 @device_function
@@ -60,7 +67,7 @@ def stiffness(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, slip: float, radius: float,
     k: Array,
 ) -> float:  # fmt: skip
-    """How fast friction pulls the direction of slip into place, 1/s; k[0]: the rates there."""
+    """Stiffness of friction on the slip direction, 1/s; k[0]: the derivatives at y."""
     j = jacobian(par, joint, t, y, sides, slip, radius, k)
     across = (j[1] / radius) ** 2 + (j[2] * radius) ** 2
     return math.sqrt(j[0] * j[0] + across + j[3] * j[3])
@@ -68,7 +75,7 @@ def stiffness(
 
 @device_function
 def _solve6(m: Array) -> None:
-    """Solve the 6x6 system of m (6, 7), in place: the solution is its last column."""
+    """Solve the 6x6 system of m (6, 7) in place; the last column becomes the solution."""
     for p in range(6):
         best = p
         for r in range(p + 1, 6):
@@ -86,33 +93,33 @@ def _solve6(m: Array) -> None:
 
 
 @device_function
-def _newton(
+def _newton_iteration(
     y: Array, h: float, j: Jacobian, slip: float, radius: float, k: Array, size: int, system: Array
 ) -> float:
-    """One iteration on z; the greatest change of a rate.
+    """One Newton iteration on z; returns the greatest change of a rate.
 
-    The Jacobian falls with the slip rate, which may grow many times over within a step: each stage
-    has its own.
+    The Jacobian is inversely proportional to the slip rate, which can grow by orders of magnitude
+    within a step, so that each stage has its own.
     """
     for i in range(3):
         for c in range(size):
             residual = -k[Z + i, c]
             for s in range(3):
                 residual += h * WEIGHTS[i][s] * k[F + s, c]
-            if c == at.SLIDE or c == at.SPIN:
-                system[2 * i + c - at.SLIDE, 6] = residual
+            if c == coordinates.SLIDE or c == coordinates.SPIN:
+                system[2 * i + c - coordinates.SLIDE, 6] = residual
             else:
                 k[Z + i, c] += residual
     for i in range(6):
         for c in range(6):
-            v = y[at.SLIDE] + k[Z + c // 2, at.SLIDE]
-            w = radius * (y[at.SPIN] + k[Z + c // 2, at.SPIN])
+            v = y[coordinates.SLIDE] + k[Z + c // 2, coordinates.SLIDE]
+            w = radius * (y[coordinates.SPIN] + k[Z + c // 2, coordinates.SPIN])
             share = slip / math.sqrt(v * v + w * w) * j[2 * (i % 2) + c % 2]
             system[i, c] = -h * WEIGHTS[i // 2][c // 2] * share + (1.0 if i == c else 0.0)
     _solve6(system)
     change = 0.0
     for i in range(6):
-        k[Z + i // 2, at.SLIDE + i % 2] += system[i, 6]
+        k[Z + i // 2, coordinates.SLIDE + i % 2] += system[i, 6]
     for c in range(2):
         for i in range(3):
             change = max(change, abs(system[2 * i + c, 6]))
@@ -124,7 +131,7 @@ def stiff_step(
     par: Array, joint: Array, t: float, y: Array, h: float, sides: Sides, slip: float,
     radius: float, k: Array, new: Array, system: Array,
 ) -> bool:  # fmt: skip
-    """One step into ``new`` (k[0]: the rates at its start); whether it converged."""
+    """One step into ``new`` (k[0]: derivatives at its start); whether it converged."""
     size = y.shape[0]
     j = jacobian(par, joint, t, y, sides, slip, radius, k)
     for i in range(3):
@@ -135,14 +142,14 @@ def stiff_step(
         for i in range(3):
             for c in range(size):
                 new[c] = y[c] + k[Z + i, c]
-            if rates_at(par, joint, t + NODES[i] * h, new, False, sides, k[F + i]).jammed:
+            if derivatives_at(par, joint, t + NODES[i] * h, new, False, sides, k[F + i]).jammed:
                 return False
-        change = _newton(y, h, j, slip, radius, k, size, system)
+        change = _newton_iteration(y, h, j, slip, radius, k, size, system)
         if not change < 4.0 * last:
             return False
         if done:
             break
-        done = change <= 1e-9 * slip  # and once more, for what hangs on the rates
+        done = change <= 1e-9 * slip  # one more iteration for the other components
         last = change
     if not done:
         return False
@@ -154,21 +161,21 @@ def stiff_step(
         k[ESTIMATE, c] = h / REAL * total
     a, d = REAL / h - j[0], REAL / h - j[3]
     det = a * d - j[1] * j[2]
-    u, v = k[ESTIMATE, at.SLIDE] * REAL / h, k[ESTIMATE, at.SPIN] * REAL / h
-    k[ESTIMATE, at.SLIDE] = (d * u + j[1] * v) / det
-    k[ESTIMATE, at.SPIN] = (a * v + j[2] * u) / det
+    u, v = k[ESTIMATE, coordinates.SLIDE] * REAL / h, k[ESTIMATE, coordinates.SPIN] * REAL / h
+    k[ESTIMATE, coordinates.SLIDE] = (d * u + j[1] * v) / det
+    k[ESTIMATE, coordinates.SPIN] = (a * v + j[2] * u) / det
     return True
 
 
 @device_function
 def stiff_error(
-    y: Array, new: Array, k: Array, n: int, tolerance: float, slow: tuple[float, float]
+    y: Array, new: Array, k: Array, n: int, tolerance: float, rate_tolerance: tuple[float, float]
 ) -> float:
-    """The estimated error of a stiff step over what is allowed (order 3)."""
+    """Estimated error over the allowed one of a stiff step (order 3)."""
     total = 0.0
     for i in range(n):
         allowed = tolerance * (0.1 + max(abs(y[i]), abs(new[i])))
-        if i == at.SLIDE or i == at.SPIN:
-            allowed = min(allowed, slow[i - at.SLIDE])
+        if i == coordinates.SLIDE or i == coordinates.SPIN:
+            allowed = min(allowed, rate_tolerance[i - coordinates.SLIDE])
         total += (k[ESTIMATE, i] / allowed) ** 2
     return math.sqrt(total / n)

@@ -1,4 +1,4 @@
-// Ticks and numbers.
+// Axis ticks, number formats, canvas and DOM helpers.
 
 // Round steps (1, 2, 5 times a power of ten) that divide a range into about `wanted` parts.
 function ticks(low, high, wanted) {
@@ -12,7 +12,7 @@ function ticks(low, high, wanted) {
   return { values, step };
 }
 
-// Powers of ten, not more than about `wanted` of them.
+// Powers of ten within a range, at most about `wanted` of them.
 function decades(low, high, wanted) {
   const first = Math.ceil(Math.log10(low) - 1e-9), last = Math.floor(Math.log10(high) + 1e-9);
   const every = Math.max(1, Math.ceil((last - first + 1) / Math.max(wanted, 1)));
@@ -28,7 +28,7 @@ function power(value) {
   return "10" + [...digits].map((c) => (c === "-" ? "⁻" : SUPERSCRIPTS[Number(c)])).join("");
 }
 
-// A tick with the decimals its step needs.
+// Text of a tick, with the decimals that its step needs.
 function tickText(value, step) {
   if (value === 0 || Math.abs(value) < 1e-9 * step) return "0";
   if (Math.abs(value) >= 1e5 || step < 1e-4) return minus(value.toExponential(Math.max(0, Math.min(6, digits(value, step)))));
@@ -43,7 +43,7 @@ function minus(text) {
   return text.replace(/-/g, "−");
 }
 
-// A value as read at the cursor: five significant digits.
+// Text of a value at the cursor: five significant digits.
 function valueText(value) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return "0";
@@ -55,7 +55,7 @@ function rangeText(lo, hi) {
   return lo === hi || !Number.isFinite(lo) ? valueText(lo) : `${valueText(lo)} … ${valueText(hi)}`;
 }
 
-// Colours of the page, as the canvas needs them.
+// Colours of the style sheet, for drawing on a canvas.
 function readPalette() {
   const style = getComputedStyle(document.documentElement);
   const names = ["panel", "ink", "soft", "line", "grid", "blue", "orange", "green", "red", "purple", "sky", "stick", "slip",
@@ -63,7 +63,7 @@ function readPalette() {
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
-// A canvas as sharp as the screen; returns its context in CSS pixels, cleared.
+// Sizes a canvas to the device pixels, clears it, and returns its context in CSS pixels.
 function prepare(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
   const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
@@ -78,7 +78,7 @@ function prepare(canvas, width, height) {
   return context;
 }
 
-// An element with a class and text.
+// Creates an element with a class and a text.
 function element(tag, className, text) {
   const made = document.createElement(tag);
   if (className) made.className = className;
@@ -86,7 +86,7 @@ function element(tag, className, text) {
   return made;
 }
 
-// A framed picture: header with a title, stage with a canvas for what stays and one for the cursor.
+// Creates a panel: header with title; stage with one canvas for the plot and one for the cursor.
 function frame(host, kind, title, unit, height) {
   const root = element("section", `panel ${kind}`);
   const header = element("header");

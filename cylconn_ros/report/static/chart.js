@@ -1,4 +1,4 @@
-// Curves over time.
+// Plots over time: axes, cursor line, curves.
 
 const LEFT = 86, RIGHT = 12, TOP = 4, BOTTOM = 20;
 
@@ -55,7 +55,7 @@ class Chart {
     });
   }
 
-  // Smallest and largest value in each pixel column, the same columns for every curve; few samples keep their own places.
+  // Groups of samples to draw: one per pixel column, the same for all curves; one per sample if there are few samples.
   columns(plot) {
     const { run, view } = this.link;
     const [low, high] = view;
@@ -78,18 +78,18 @@ class Chart {
   }
 
   range(groups) {
-    let low = Infinity, high = -Infinity, least = Infinity;
+    let low = Infinity, high = -Infinity, leastPositive = Infinity;
     for (const { drawn } of this.panel.curves) {
       for (let k = groups[0].from; k <= groups[groups.length - 1].to; k++) {
         if (drawn.lo[k] < low) low = drawn.lo[k];
         if (drawn.hi[k] > high) high = drawn.hi[k];
-        if (drawn.lo[k] > 0 && drawn.lo[k] < least) least = drawn.lo[k];
-        if (drawn.hi[k] > 0 && drawn.hi[k] < least) least = drawn.hi[k];
+        if (drawn.lo[k] > 0 && drawn.lo[k] < leastPositive) leastPositive = drawn.lo[k];
+        if (drawn.hi[k] > 0 && drawn.hi[k] < leastPositive) leastPositive = drawn.hi[k];
       }
     }
     if (this.panel.log) {
       if (!(high > 0)) return [1e-3, 1];
-      const floor = Math.max(least, high * 1e-14);
+      const floor = Math.max(leastPositive, high * 1e-14);
       return [10 ** Math.floor(Math.log10(floor)), 10 ** Math.ceil(Math.log10(high * 1.05))];
     }
     if (!(high >= low)) return [0, 1];
@@ -145,7 +145,7 @@ class Chart {
     }
   }
 
-  // A curve in pixels: x, upper and lower y of each column; a column without values is a gap.
+  // A curve in pixels: x, upper and lower y of each group; null for a group without values.
   trace(drawn, groups) {
     return groups.map(({ x, from, to, gap }) => {
       let lo = Infinity, hi = -Infinity;
@@ -161,7 +161,7 @@ class Chart {
     context.strokeStyle = this.link.palette[curve.colour];
     context.lineWidth = { line: 1.6, thin: 1, dashed: 1, area: 1 }[curve.style];
     context.setLineDash(curve.style === "dashed" ? [5, 3] : []);
-    context.lineJoin = "bevel"; // rounding each corner of noise takes seconds
+    context.lineJoin = "bevel"; // round joins take seconds for noise
     context.beginPath();
     let at = null;
     for (const point of line) {
@@ -172,7 +172,7 @@ class Chart {
       const { x, lower, upper, gap } = point;
       if (at === null || gap) {
         context.moveTo(x, lower);
-        if (lower === upper) context.lineTo(x + 0.01, lower); // a single sample is a dot
+        if (lower === upper) context.lineTo(x + 0.01, lower); // a single sample: a dot
         else context.lineTo(x, upper);
         at = upper;
         continue;
@@ -210,7 +210,7 @@ class Chart {
     const { context, x, inside } = cursorLine(this.parts, this.link);
     const k = this.link.index;
     this.panel.curves.forEach((curve, j) => {
-      this.readings[j].textContent = rangeText(curve.shown.lo[k], curve.shown.hi[k]);
+      this.readings[j].textContent = rangeText(curve.reading.lo[k], curve.reading.hi[k]);
       const value = curve.drawn.hi[k];
       if (!inside || !Number.isFinite(value)) return;
       context.fillStyle = this.link.palette[curve.colour];

@@ -1,4 +1,4 @@
-// What all plots share: the range in sight, the cursor, and playing.
+// State shared by the linked plots: visible time range, cursor, playback.
 
 class Link {
   constructor(run) {
@@ -10,12 +10,12 @@ class Link {
     this.place(run.begin);
   }
 
-  on(what, listener) {
-    this.listeners[what].push(listener);
+  on(event, listener) {
+    this.listeners[event].push(listener);
   }
 
-  tell(what) {
-    for (const listener of this.listeners[what]) listener();
+  notify(event) {
+    for (const listener of this.listeners[event]) listener();
   }
 
   place(t) {
@@ -26,7 +26,7 @@ class Link {
 
   setCursor(t) {
     this.place(t);
-    this.tell("cursor");
+    this.notify("cursor");
   }
 
   step(by) {
@@ -40,11 +40,11 @@ class Link {
 
   setView(low, high) {
     const { begin, end } = this.run;
-    const least = Math.max((end - begin) * 1e-7, 1e-9);
-    let span = Math.min(Math.max(high - low, least), end - begin);
+    const minSpan = Math.max((end - begin) * 1e-7, 1e-9);
+    let span = Math.min(Math.max(high - low, minSpan), end - begin);
     let from = Math.min(Math.max(low, begin), end - span);
     this.view = [from, from + span];
-    this.tell("view");
+    this.notify("view");
   }
 
   zoom(factor, about) {
@@ -56,7 +56,7 @@ class Link {
     this.setView(this.run.begin, this.run.end);
   }
 
-  // The range in sight in real time, a long one in 30 s.
+  // Plays the visible range in real time, a long one in 30 s.
   play() {
     const [low, high] = this.view;
     const rate = Math.max(1, (high - low) / 30);
@@ -69,12 +69,12 @@ class Link {
       if (t >= this.view[1]) this.pause(); else this.playing = requestAnimationFrame(tick);
     };
     this.playing = requestAnimationFrame(tick);
-    this.tell("cursor");
+    this.notify("cursor");
   }
 
   pause() {
     cancelAnimationFrame(this.playing);
     this.playing = null;
-    this.tell("cursor");
+    this.notify("cursor");
   }
 }

@@ -1,4 +1,4 @@
-// From the text in the page back to arrays.
+// Decoder of the packed data of the page.
 
 async function unpack(base64) {
   const text = atob(base64.trim());
@@ -10,8 +10,8 @@ async function unpack(base64) {
 
 const KINDS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array };
 
-// The run as the plots see it. lo and hi are the smallest and largest value of each bucket; one and the same array where
-// every sample is in the page.
+// The data of the run as arrays. lo and hi are the smallest and largest value of each bucket; they are the same array if
+// the page contains every sample.
 async function readRun() {
   const head = JSON.parse(document.getElementById("head").textContent);
   const buffer = await unpack(document.getElementById("numbers").textContent);
@@ -25,7 +25,7 @@ async function readRun() {
     ...panel,
     curves: panel.curves.map((curve) => {
       const drawn = range(curve.drawn);
-      return { ...curve, drawn, shown: curve.shown ? range(curve.shown) : drawn };
+      return { ...curve, drawn, reading: curve.reading ? range(curve.reading) : drawn };
     }),
   }));
   for (const [name, place] of Object.entries(head.path)) run.path[name] = array(place);
@@ -36,7 +36,7 @@ async function readRun() {
   return run;
 }
 
-// Index of the last time that is not after t; 0 where all are.
+// Index of the last time that is not after t; 0 if all are.
 function before(times, t) {
   let low = 0, high = times.length - 1;
   while (low < high) {

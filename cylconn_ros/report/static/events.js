@@ -1,6 +1,6 @@
-// What was on when: regimes, stops, locks, refused samples, flags. As bands behind every plot, and as a plot of their own.
+// State timeline: regimes, stops, locks, refused samples and flags, as bands behind every plot and as a plot of its own.
 
-// The bits that are up in each pixel column of a plot.
+// Bitwise or of the bits in each pixel column of a plot.
 function columnsOfBits(run, group, view, width) {
   const bits = run.events[group].bits;
   const columns = new Uint32Array(Math.max(1, Math.ceil(width)));
@@ -17,12 +17,12 @@ function columnsOfBits(run, group, view, width) {
   return columns;
 }
 
-// Stretches of pixel columns for which `is` holds.
-function stretches(columns, is) {
+// Intervals [start, end) of pixel columns for which `test` holds.
+function intervals(columns, test) {
   const found = [];
   let start = -1;
   for (let x = 0; x <= columns.length; x++) {
-    const on = x < columns.length && is(columns[x]);
+    const on = x < columns.length && test(columns[x]);
     if (on && start < 0) start = x;
     if (!on && start >= 0) {
       found.push([start, x]);
@@ -34,7 +34,7 @@ function stretches(columns, is) {
 
 const STICK = 2, SLIP = 4;
 
-// Behind a plot: tints for stick and slip (both where a column holds both), edges for stops and locks.
+// Background of a plot: tints for stick and slip (both if a column has both), edges for stops and locks.
 class Bands {
   constructor(link) {
     this.link = link;
@@ -48,10 +48,10 @@ class Bands {
       this.width = width;
       const regime = columnsOfBits(run, "regime", view, width);
       this.found = {
-        stick: stretches(regime, (bits) => bits & STICK),
-        slip: stretches(regime, (bits) => bits & SLIP),
-        stop: stretches(columnsOfBits(run, "stop", view, width), (bits) => bits),
-        lock: stretches(columnsOfBits(run, "lock", view, width), (bits) => bits),
+        stick: intervals(regime, (bits) => bits & STICK),
+        slip: intervals(regime, (bits) => bits & SLIP),
+        stop: intervals(columnsOfBits(run, "stop", view, width), (bits) => bits),
+        lock: intervals(columnsOfBits(run, "lock", view, width), (bits) => bits),
       };
     }
     for (const name of ["stick", "slip"]) {
@@ -67,21 +67,21 @@ class Bands {
 
 const GROUP_COLOURS = { stop: "stop", lock: "lock", status: "red", flags: "purple" };
 
-// A row for everything that ever was on.
+// Timeline with one row for each state that occurs.
 class Events {
   constructor(host, link) {
     this.link = link;
     this.rows = [];
     for (const [group, { bits, names }] of Object.entries(link.run.events)) {
-      let ever = 0;
-      for (const value of bits) ever |= value;
+      let occurring = 0;
+      for (const value of bits) occurring |= value;
       names.forEach((name, bit) => {
-        if (!((ever >>> bit) & 1)) return;
+        if (!((occurring >>> bit) & 1)) return;
         const colour = group === "regime" ? ["none-strong", "stick-strong", "slip-strong"][bit] : GROUP_COLOURS[group];
         this.rows.push({ group, name: group === "status" ? `refused: ${name}` : name, mask: (1 << bit) >>> 0, colour });
       });
     }
-    this.parts = frame(host, "time events", "What was on", "", 17 * this.rows.length + 24);
+    this.parts = frame(host, "time events", "State timeline", "", 17 * this.rows.length + 24);
     this.now = element("span", "key");
     this.parts.header.append(this.now);
   }
@@ -101,7 +101,7 @@ class Events {
       context.textBaseline = "middle";
       context.fillText(row.name, plot.left - 6, y + 9, plot.left - 8);
       context.fillStyle = palette[row.colour];
-      for (const [a, b] of stretches(columns, (bits) => bits & row.mask)) {
+      for (const [a, b] of intervals(columns, (bits) => bits & row.mask)) {
         context.fillRect(plot.left + a, y + 4, Math.max(b - a, 1.5), 10);
       }
     });
@@ -109,8 +109,8 @@ class Events {
 
   drawCursor() {
     cursorLine(this.parts, this.link);
-    const on = this.rows.filter((row) => this.link.run.events[row.group].bits[this.link.index] & row.mask);
-    this.now.textContent = on.map((row) => row.name).join(", ") || "nothing";
+    const active = this.rows.filter((row) => this.link.run.events[row.group].bits[this.link.index] & row.mask);
+    this.now.textContent = active.map((row) => row.name).join(", ") || "none";
   }
 
   get values() {

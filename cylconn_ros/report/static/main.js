@@ -1,7 +1,7 @@
-// Build the page, and join what the reader does to what is shown.
+// Builds the page and connects pointer, keys and buttons to the plots.
 
-// Drag to zoom, shift-drag to move, ctrl-wheel to zoom, double click for all; moving places the cursor.
-function pointing(parts, link) {
+// Pointer controls of a plot: drag zooms, shift-drag pans, ctrl-wheel zooms, double click shows all, moving sets the cursor.
+function addPointerControls(parts, link) {
   const { stage } = parts;
   const selection = element("div", "selection");
   selection.hidden = true;
@@ -54,13 +54,13 @@ function pointing(parts, link) {
 
 function legend(link) {
   const host = document.getElementById("legend");
-  const ever = (group) => link.run.events[group].bits.reduce((all, bits) => all | bits, 0);
-  const regime = ever("regime");
+  const occurring = (group) => link.run.events[group].bits.reduce((all, bits) => all | bits, 0);
+  const regime = occurring("regime");
   const entries = [
     [regime & STICK, "stick", "stick"],
     [regime & SLIP, "slip", "slip"],
-    [ever("stop"), "stop", "at a stop (lower edge)"],
-    [ever("lock"), "lock", "locked (upper edge)"],
+    [occurring("stop"), "stop", "at a stop (lower edge)"],
+    [occurring("lock"), "lock", "locked (upper edge)"],
   ];
   for (const [present, colour, text] of entries) {
     if (!present) continue;
@@ -82,23 +82,23 @@ function build(run) {
   const plots = document.getElementById("plots"), views = document.getElementById("views");
   const bands = new Bands(link);
   const charts = [new Events(plots, link), ...run.panels.map((panel) => new Chart(plots, panel, link, bands))];
-  const others = [new Scene(views, link)];
+  const sideViews = [new Scene(views, link)];
   if (run.radius !== null) {
-    others.push(new Plane(views, link, { key: "disc", title: "Friction disc", unit: "N", x: "f1", y: "m1", limit: "limit",
+    sideViews.push(new Plane(views, link, { key: "disc", title: "Friction disc", unit: "N", x: "f1", y: "m1", limit: "limit",
       labels: ["f₁ friction [N]", "m₁ friction / R [N]"], height: 300, equal: true }));
   }
-  others.push(new Plane(views, link, { key: "slip", title: "Path of the slip", unit: run.radius !== null ? "m" : "m, rad",
+  sideViews.push(new Plane(views, link, { key: "slip", title: "Slip trajectory", unit: run.radius !== null ? "m" : "m, rad",
     x: "u1", y: "ur1", limit: null, labels: ["slide u₁ [m]", run.radius !== null ? "R · spin uᵣ₁ [m]" : "spin uᵣ₁ [rad]"],
     height: 210, equal: false }));
   if (!run.whole) {
     note(`${run.samples.toLocaleString("en")} samples are shown in ${run.time.length.toLocaleString("en")} buckets of up to `
-      + `${run.bucket}: what is drawn and read is the smallest and the largest value of each, so every extreme is kept; the `
-      + `3-D view and the planes show ${run.path.time.length.toLocaleString("en")} of the samples, their extremes among them. `
-      + "Every sample of a stretch: cylconn report --from and --to.");
+      + `${run.bucket}, with the smallest and the largest value of each, so every extreme is kept. The 3-D view and the `
+      + `trajectories show ${run.path.time.length.toLocaleString("en")} of the samples, including their extremes. `
+      + "For every sample of a range: cylconn report --from and --to.");
   }
-  if (run.empty.length) note(`Without anything to show: ${run.empty.join(", ")}.`);
-  const all = [...charts, ...others];
-  for (const chart of charts) pointing(chart.parts, link);
+  if (run.empty.length) note(`All zero, not shown: ${run.empty.join(", ")}.`);
+  const all = [...charts, ...sideViews];
+  for (const chart of charts) addPointerControls(chart.parts, link);
   legend(link);
   return { link, all };
 }
@@ -116,15 +116,16 @@ function controls({ link, all }) {
     whole.disabled = link.isWhole;
     cursor();
   };
-  let asked = 0;
+  // At most one redraw per animation frame: 1 only the cursor, 2 everything.
+  let pending = 0;
   const later = (what) => () => {
-    if (asked === 2 || (asked === 1 && what === cursor)) return;
-    if (!asked) requestAnimationFrame(() => {
-      const all = asked === 2;
-      asked = 0;
-      (all ? draw : cursor)();
+    if (pending === 2 || (pending === 1 && what === cursor)) return;
+    if (!pending) requestAnimationFrame(() => {
+      const everything = pending === 2;
+      pending = 0;
+      (everything ? draw : cursor)();
     });
-    asked = what === draw ? 2 : 1;
+    pending = what === draw ? 2 : 1;
   };
   link.on("cursor", later(cursor));
   link.on("view", later(draw));
@@ -132,11 +133,11 @@ function controls({ link, all }) {
   whole.addEventListener("click", () => link.whole());
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("button, summary, input") || event.altKey || event.ctrlKey || event.metaKey) return;
-    const does = { ArrowLeft: () => link.step(-1), ArrowRight: () => link.step(1), " ": () => play.click(),
+    const action = { ArrowLeft: () => link.step(-1), ArrowRight: () => link.step(1), " ": () => play.click(),
       Escape: () => link.whole() }[event.key];
-    if (!does) return;
+    if (!action) return;
     event.preventDefault();
-    does();
+    action();
   });
   const system = matchMedia("(prefers-color-scheme: dark)");
   const theme = (dark) => {

@@ -1,7 +1,7 @@
-// A path in a plane with equal scales: the friction disc, the path of the slip.
+// Trajectory in a plane: friction disc, slip trajectory.
 
 class Plane {
-  // x, y: names of columns of the path; limit: of the disc's radius, or null.
+  // x, y: names of columns of the path; limit: column with the radius of the disc, or null; equal: equal scales.
   constructor(host, link, { key, title, unit, x, y, limit, labels, height, equal }) {
     Object.assign(this, { link, x: link.run.path[x], y: link.run.path[y], labels, equal });
     this.limit = limit ? link.run.path[limit] : null;
@@ -53,7 +53,7 @@ class Plane {
     const { palette, run } = this.link;
     const width = this.parts.stage.clientWidth, height = this.parts.stage.clientHeight;
     const context = prepare(this.parts.base, width, height);
-    const plot = (this.plot = { left: 52, top: 4, width: width - 62, height: height - 40 });
+    const plot = (this.plot = { left: 52, top: 4, width: Math.max(10, width - 62), height: Math.max(10, height - 40) });
     this.fit(plot);
     this.axes(context, plot);
     context.save();
@@ -79,8 +79,8 @@ class Plane {
       context.beginPath();
       context.moveTo(this.px(this.x[k]), this.py(this.y[k]));
       context.lineTo(this.px(this.x[k]) + 0.01, this.py(this.y[k]));
-      const pause = k + 300; // one stroke of many thousand points is slow where they cross each other
-      while (k <= to && k < pause && run.path.regime[k] === regime) {
+      const end = k + 300; // one stroke of many thousand crossing segments is slow
+      while (k <= to && k < end && run.path.regime[k] === regime) {
         context.lineTo(this.px(this.x[k]), this.py(this.y[k]));
         k += 1;
       }

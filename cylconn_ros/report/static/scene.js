@@ -1,4 +1,4 @@
-// Shaft and sleeve in space, at the time of the cursor.
+// 3-D view of shaft and sleeve at the time of the cursor.
 
 class Scene {
   constructor(host, link) {
@@ -38,7 +38,7 @@ class Scene {
   setFollow(follow) {
     this.follow = follow;
     this.button.setAttribute("aria-pressed", String(follow));
-    this.button.title = follow ? "now: the view goes with the sleeve" : "now: the whole slot in view";
+    this.button.title = follow ? "the view follows the sleeve" : "the view shows the whole slot";
   }
 
   drag() {
@@ -62,7 +62,7 @@ class Scene {
     }, { passive: false });
   }
 
-  // How far the mass centre of B is from node b, at the start.
+  // Distance of the mass centre of B from node b at the start.
   arm() {
     const { centre, length, y, z } = this.link.run.path;
     if (!centre || ![...centre.slice(0, 3), length[0], y[0], z[0]].every(Number.isFinite)) return 0;
@@ -71,7 +71,7 @@ class Scene {
     return size(subtract([...centre.slice(0, 3)], node));
   }
 
-  // A row of a column with k numbers; the only one where it never changes.
+  // The row of a column with k numbers at the cursor; the only row if the column is constant.
   row(name, k) {
     const column = this.link.run.path[name];
     const at = column.length > k ? k * this.link.sample : 0;
@@ -84,7 +84,7 @@ class Scene {
     if (size(across) < 0.2) across = Math.abs(up[0]) < 0.9 ? cross(up, [1, 0, 0]) : cross(up, [0, 1, 0]);
     across = unit(across);
     const side = cross(across, up);
-    // yaw 0 looks square onto the slot
+    // At yaw 0 the line of sight is perpendicular to the slot.
     const level = add(scaled(side, Math.cos(this.yaw)), scaled(across, Math.sin(this.yaw)));
     const back = unit(add(scaled(level, Math.cos(this.pitch)), scaled(up, Math.sin(this.pitch))));
     const right = unit(cross(up, back));
@@ -103,7 +103,7 @@ class Scene {
     };
   }
 
-  // Length of the pieces that the shaft is drawn in: short, as what is in front is told by their middles.
+  // Length of the pieces of the drawn shaft; short, since faces are sorted by the depth of their centres.
   piece() {
     return (this.follow ? this.near / this.zoom : this.far) / 60;
   }
@@ -139,7 +139,7 @@ class Scene {
     return faces;
   }
 
-  // Dark rings on the shaft at round places, so that the slide is seen when the view goes along.
+  // Dark rings on the shaft at round positions, which show the slide while the view follows the sleeve.
   graduation(camera, origin, axes, length) {
     const { radius, overlap } = this.link.run.geometry;
     const reach = (this.follow ? this.near / this.zoom : this.far) * 0.9;
@@ -164,7 +164,7 @@ class Scene {
     const length = path.length[sample], y = path.y[sample], z = path.z[sample];
     const regime = path.regime[sample];
     if (![...origin, ...q, length, y, z].every(Number.isFinite)) {
-      this.reading.textContent = "no pose here";
+      this.reading.textContent = "no pose";
       return;
     }
     const node = add(origin, add(scaled(axes[0], length), add(scaled(axes[1], y), scaled(axes[2], z))));
@@ -222,7 +222,7 @@ class Scene {
     context.stroke();
   }
 
-  // The connector's force on B at node b, as long as it is large.
+  // Arrow of the connector's force on B at node b; its length is proportional to the force.
   arrow(context, camera, node, axes, regime) {
     const { palette } = this.link;
     const f = this.row("force", 3);
@@ -246,7 +246,7 @@ class Scene {
     context.fill();
   }
 
-  // Directions in a corner: the slot and what is down.
+  // Axes in a corner: e1 along the slot, e2, e3, and gravity.
   compass(context, camera, axes) {
     const { palette, run } = this.link;
     const { clientHeight: height } = this.parts.stage;

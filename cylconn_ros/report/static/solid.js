@@ -1,4 +1,4 @@
-// Vectors, and round solids made of flat faces.
+// Vector algebra, and round solids of flat faces.
 
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const subtract = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -8,14 +8,14 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const size = (a) => Math.hypot(a[0], a[1], a[2]);
 const unit = (a) => scaled(a, 1 / (size(a) || 1));
 
-// v turned by the quaternion x, y, z, w.
+// v rotated by the quaternion x, y, z, w.
 function turn(q, v) {
   const u = [q[0], q[1], q[2]];
   const twice = scaled(cross(u, v), 2);
   return add(add(v, scaled(twice, q[3])), cross(u, twice));
 }
 
-// Faces of a tube along e1 from a to b: { points, normal, colour }. colour(side, piece) gives a colour's name.
+// Faces of a tube along e1 from a to b: { points, normal, colour }. colour(side, piece) returns the name of a colour.
 function tube(origin, [e1, e2, e3], a, b, radius, pieces, sides, angle, colour) {
   const faces = [];
   const rim = [];
@@ -54,7 +54,7 @@ function ring(origin, [e1, e2, e3], at, inner, outer, sides, facing, angle, colo
   return faces;
 }
 
-// A colour (#rrggbb) made darker or lighter by light from 0 to 1.
+// Colour (#rrggbb) shaded by a light intensity from 0 to 1.
 function lit(hex, light) {
   const value = parseInt(hex.slice(1), 16);
   const shade = (part) => Math.round(Math.min(255, part * (0.45 + 0.65 * light)));

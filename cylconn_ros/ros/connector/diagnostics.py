@@ -1,4 +1,4 @@
-"""What /diagnostics says about the connector, once a second (REP-107)."""
+"""Diagnostics of a connector on /diagnostics, once per second (REP-107)."""
 
 from __future__ import annotations
 
@@ -12,38 +12,34 @@ from cylconn_ros.connector import enums
 from cylconn_ros.connector.enums import named
 from cylconn_ros.core import layout
 from cylconn_ros.messages.health import Health
-from cylconn_ros.messages.pipeline import Answering
-from cylconn_ros.ros.connector.diagnostics_encoder import Part, PartWriter
+from cylconn_ros.messages.pipeline import MessagePipeline
+from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus, StatusEncoder
 from cylconn_ros.ros.connector.recorder import Recorder
+from cylconn_ros.ros.connector.watchdog import missing_topics
+from cylconn_ros.scene.inputs import BODIES
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.scene.schema import show
 
 OK, WARN, ERROR = (
     level[0] for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 )
 
-# Worth a warning: the answer may not be what the user expects.
-_WORRYING = (
-    layout.UNDERSAMPLED
-    | layout.TURN_AMBIGUOUS
-    | layout.TWIST_CONTRADICTS
-    | layout.MISALIGNED
-    | layout.GAINS_LOWERED
-    | layout.INTEGRATION
-)
+_OTHER_INTEGRATION = {"exact": "semi_implicit", "semi_implicit": "exact"}
 
 
 @dataclasses.dataclass
-class Links:
-    """What the middleware tells about the topics."""
+class ConnectionStatus:
+    """State of the topics, of the callbacks and of the lifecycle."""
 
-    incompatible: dict[str, str] = dataclasses.field(default_factory=dict)  # topic: policy
-    other_types: dict[str, str] = dataclasses.field(default_factory=dict)  # topic: types
-    lost: int = 0  # messages that were sent and never came
-    timeouts: int = 0  # times a zero wrench was sent because samples had stopped
-    unsent: int = 0  # answers the middleware did not take
-    unsent_text: str = ""
-    caught: int = 0  # callbacks that raised
-    caught_text: str = ""
-    silent: bool = False  # samples have stopped
+    incompatible: dict[str, str] = dataclasses.field(default_factory=dict)  # warning by topic
+    other_types: dict[str, str] = dataclasses.field(default_factory=dict)  # warning by topic
+    lost: int = 0  # messages sent and never received
+    timeouts: int = 0  # zero wrenches sent after an input timeout
+    unpublished: int = 0  # outputs that the middleware did not accept
+    unpublished_reason: str = ""
+    failed_callbacks: int = 0  # callbacks that raised
+    callback_error: str = ""
+    timed_out: bool = False  # no sample within the timeout
     state: str = "unconfigured"  # of the lifecycle
 
 
@@ -51,12 +47,17 @@ Problem = tuple[int, str]
 """A level and a text."""
 
 
+def timeout_text(timeout: float) -> str:
+    """Warning about an input timeout (s)."""
+    return f"input timeout ({timeout:g} s): commanding zero wrench"
+
+
 class Monitor:
-    """Turn counts into diagnostics; what happened since the last report decides the level."""
+    """Turn counts into diagnostics; events since the last report decide the level."""
 
     def __init__(self, node_name: str) -> None:
-        self._writers = {
-            part: PartWriter(f"{node_name}: {part}", node_name)
+        self._encoders = {
+            part: StatusEncoder(f"{node_name}: {part}", node_name)
             for part in ("samples", "solution", "topics", "recording")
         }
         self._before: dict[str, int] = {}
@@ -64,36 +65,38 @@ class Monitor:
 
     def report(
         self,
-        answering: Answering | None,
+        pipeline: MessagePipeline | None,
         recorder: Recorder | None,
-        links: Links,
+        status: ConnectionStatus,
         health: Health | None = None,
-    ) -> list[Part]:
-        """Report on everything; ``health`` as taken from ``answering``, if not here and now.
+    ) -> list[EncodedStatus]:
+        """Report on samples, solution, topics and, if ``recorder`` is given, on the recording.
 
-        On the recording only where ``recorder`` is given.
+        ``health``: a copy taken from ``pipeline``; without it, the copy is taken here.
         """
         now = time.monotonic()
         elapsed, self._time = max(now - self._time, 1e-9), now
         parts = []
-        if answering is not None:
-            health = health or answering.health.taken()
-            parts.append(self._samples(answering, health, links, elapsed))
-            parts.append(self._solution(answering, health))
-        parts.append(self._topics(answering, links))
+        if pipeline is not None:
+            health = health or pipeline.health.report()
+            parts.append(self._samples(pipeline, health, status, elapsed))
+            parts.append(self._solution(pipeline, health))
+        parts.append(self._topics(pipeline, status))
         if recorder is not None:
             parts.append(self._recording(recorder))
         return parts
 
-    def _samples(self, answering: Answering, health: Health, links: Links, elapsed: float) -> Part:
-        counts = answering.matcher.counts
+    def _samples(
+        self, pipeline: MessagePipeline, health: Health, status: ConnectionStatus, elapsed: float
+    ) -> EncodedStatus:
+        counts = pipeline.matcher.counts
         rate = (counts.samples - self._before.get("samples", 0)) / elapsed
         self._before["samples"] = counts.samples
         values = {
             "rate [1/s]": f"{rate:.1f}",
-            "samples answered": counts.samples,
-            "answered again": counts.answered_again,
-            "repeated messages": counts.repeated,
+            "samples processed": counts.samples,
+            "duplicate samples": counts.duplicate_samples,
+            "repeated messages": counts.duplicate_messages,
             "incomplete samples": counts.incomplete,
             "late messages": counts.late,
             "non-finite": health.not_finite,
@@ -103,48 +106,53 @@ class Monitor:
             "undecodable": health.undecodable,
             "failed": health.failed,
             "restarts": counts.restarts,
-            "foreign frames": counts.foreign_frames,
+            "unknown frame_ids": counts.unknown_frames,
             "commands followed": health.commands,
             "commands refused": health.refused,
-            "timeouts": links.timeouts,
+            "timeouts": status.timeouts,
         }
-        problems = self._sample_problems(answering, health, links)
-        return self._part("samples", problems, f"{rate:.0f} samples/s", values)
+        problems = self._sample_problems(pipeline, health, status)
+        return self._encode("samples", problems, f"{rate:.0f} samples/s", values)
 
     def _sample_problems(
-        self, answering: Answering, health: Health, links: Links
+        self, pipeline: MessagePipeline, health: Health, status: ConnectionStatus
     ) -> Iterator[Problem]:
-        counts = answering.matcher.counts
-        if self._new("failed", health.failed):
-            yield ERROR, f"computing failed: {health.failure}"
-        if self._new("non-finite", health.not_finite):
-            yield ERROR, "input is not finite"
-        if self._new("bad quaternion", health.bad_quaternion):
-            yield ERROR, "an orientation cannot be normalised"
-        if self._new("undecodable", health.undecodable):
-            yield ERROR, f"a message cannot be decoded: {health.undecodable_text}"
-        if self._new("refused", health.refused):
-            yield WARN, f"a command cannot be followed: {health.refusal}"
-        if self._new("no period", health.no_period):
-            yield WARN, "no time step between samples yet"
-        if self._new("off period", health.off_period):
-            seen, period = health.seen_period, answering.scene.period
-            yield WARN, f"stamps are {seen:g} s apart, but period says {period:g} s"
-        if self._new("late", counts.late):
-            yield WARN, "messages arrive late"
-        if self._new("incomplete", counts.incomplete):
-            yield WARN, "samples stay incomplete"
-        if self._new("restarts", counts.restarts):
-            yield WARN, "stamps went back: a new history"
-        if self._new("foreign frames", counts.foreign_frames):
-            yield WARN, "a frame_id names no frame of the scene"
-        if links.silent:
-            yield WARN, "no complete sample for longer than timeout: zero wrench"
-        if links.state != "active":
-            yield WARN, f"the node is {links.state}"
+        counts, scene = pipeline.matcher.counts, pipeline.scene
+        if self._is_new("failed", health.failed):
+            yield ERROR, f"computing a sample failed: {health.failure}; commanding zero wrench"
+        if self._is_new("non-finite", health.not_finite):
+            yield ERROR, "pose, twist or load is not finite: commanding zero wrench"
+        if self._is_new("bad quaternion", health.bad_quaternion):
+            yield ERROR, "orientation cannot be normalised (length 0): commanding zero wrench"
+        if self._is_new("undecodable", health.undecodable):
+            yield ERROR, f"a message cannot be decoded, ignored: {health.undecodable_text}"
+        if self._is_new("refused", health.refused):
+            yield WARN, f"command refused: {health.refusal}"
+        if self._is_new("no period", health.no_period):
+            yield WARN, "no time step between samples yet (period = 0.0: taken from the stamps)"
+        if self._is_new("off period", health.off_period):
+            yield (
+                WARN,
+                (
+                    f"stamps are {health.seen_period:g} s apart, period is {scene.period:g} s; "
+                    "set period to the spacing of the stamps, or to 0.0 to take it from them"
+                ),
+            )
+        if self._is_new("late", counts.late):
+            yield WARN, "messages older than the last sample arrive late, ignored"
+        if self._is_new("incomplete", counts.incomplete):
+            yield WARN, _incomplete_text(pipeline)
+        if self._is_new("restarts", counts.restarts):
+            yield WARN, "stamps went back: restarted with a new reference configuration"
+        if self._is_new("unknown frame_ids", counts.unknown_frames):
+            yield WARN, _unknown_frame_text(pipeline)
+        if status.timed_out:
+            yield WARN, timeout_text(scene.timeout)
+        if status.state != "active":
+            yield WARN, f"the node is {status.state}"
 
-    def _solution(self, answering: Answering, health: Health) -> Part:
-        connector = answering.connector
+    def _solution(self, pipeline: MessagePipeline, health: Health) -> EncodedStatus:
+        connector = pipeline.connector
         regime = enums.REGIMES[health.regime]
         flags, stops = named(enums.FLAGS, health.flags), named(enums.STOPS, health.stops)
         locked = named(enums.LOCKS, health.lock)
@@ -155,7 +163,7 @@ class Monitor:
             "method": connector.method,
             "model": connector.model,
             "regime": regime,
-            "latency [samples]": connector.late,
+            "latency [samples]": connector.latency,
             "saturated": health.saturated,
             "worst residual": f"{health.worst_residual:.3g}",
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
@@ -164,45 +172,52 @@ class Monitor:
             "flags": flags or "none",
             "stops touched": stops or "none",
             "locked": locked or "none",
-            **{f"imposed on {name}": what for name, what in answering.imposed.items()},
+            **{f"imposed on {name}": what for name, what in pipeline.imposed.items()},
         }
-        return self._part("solution", self._solution_problems(health), fine, values)
+        problems = self._solution_problems(pipeline.scene, health)
+        return self._encode("solution", problems, fine, values)
 
-    def _solution_problems(self, health: Health) -> Iterator[Problem]:
-        worrying = health.flags & _WORRYING
-        if worrying:
-            yield from ((WARN, name) for k, name in enumerate(enums.FLAGS) if worrying >> k & 1)
-        if self._new("saturated", health.saturated):
-            yield WARN, "wrenches are scaled down to the limits"
+    def _solution_problems(self, scene: Scene, health: Health) -> Iterator[Problem]:
+        for flag, text in _flag_texts(scene, health):
+            if health.flags & flag:
+                yield WARN, text
+        if self._is_new("saturated", health.saturated):
+            yield (
+                WARN,
+                (
+                    f"wrenches are scaled down to the limits (limits.force = "
+                    f"{show(scene.limits.force)} N, limits.torque = {show(scene.limits.torque)} Nm)"
+                ),
+            )
 
-    def _topics(self, answering: Answering | None, links: Links) -> Part:
+    def _topics(self, pipeline: MessagePipeline | None, status: ConnectionStatus) -> EncodedStatus:
         values: dict[str, object] = {
-            "incompatible QoS": len(links.incompatible),
-            "other message types": len(links.other_types),
-            "dropped messages": links.lost,
-            "answers not published": links.unsent,
-            "failed callbacks": links.caught,
+            "incompatible QoS": len(status.incompatible),
+            "other message types": len(status.other_types),
+            "dropped messages": status.lost,
+            "outputs not published": status.unpublished,
+            "failed callbacks": status.failed_callbacks,
         }
-        if answering is not None:
-            values.update({f"{k} messages": n for k, n in answering.matcher.received.items()})
-        return self._part("topics", self._topic_problems(answering, links), "connected", values)
+        if pipeline is not None:
+            values.update({f"{k} messages": n for k, n in pipeline.matcher.received.items()})
+        return self._encode("topics", self._topic_problems(pipeline, status), "connected", values)
 
-    def _topic_problems(self, answering: Answering | None, links: Links) -> Iterator[Problem]:
-        for topic, policy in links.incompatible.items():
-            yield WARN, f"incompatible QoS on {topic}: {policy}; its messages do not arrive"
-        for topic, types in links.other_types.items():
-            yield WARN, f"another message type on {topic}: {types}; its messages do not arrive"
-        if self._new("unsent", links.unsent):
-            yield ERROR, f"not published: {links.unsent_text}"
-        if self._new("caught", links.caught):
-            yield ERROR, f"a callback failed: {links.caught_text}"
-        if self._new("dropped", links.lost):
-            yield WARN, "messages were dropped on the way"
-        missing = () if answering is None else answering.matcher.missing
+    def _topic_problems(
+        self, pipeline: MessagePipeline | None, status: ConnectionStatus
+    ) -> Iterator[Problem]:
+        for text in (*status.incompatible.values(), *status.other_types.values()):
+            yield WARN, text
+        if self._is_new("unpublished", status.unpublished):
+            yield ERROR, f"outputs were not published: {status.unpublished_reason}"
+        if self._is_new("failed callbacks", status.failed_callbacks):
+            yield ERROR, f"a callback failed: {status.callback_error}"
+        if self._is_new("dropped", status.lost):
+            yield WARN, f"input messages were lost ({status.lost} so far): a queue overflowed"
+        missing = [] if pipeline is None else missing_topics(pipeline.matcher, pipeline.scene)
         if missing:
-            yield WARN, f"nothing received yet on {', '.join(missing)}"
+            yield WARN, f"no message received yet on {', '.join(missing)}"
 
-    def _recording(self, recorder: Recorder) -> Part:
+    def _recording(self, recorder: Recorder) -> EncodedStatus:
         failure, running = recorder.failure, recorder.running
         problems = [(ERROR, f"recording failed: {failure}")] if failure else []
         values = {
@@ -212,17 +227,78 @@ class Monitor:
             "messages lost": recorder.lost,
         }
         fine = "recording" if running else "not recording"
-        return self._part("recording", problems, fine, values)
+        return self._encode("recording", problems, fine, values)
 
-    def _new(self, name: str, count: int) -> bool:
-        """Whether a count has grown since the last report."""
+    def _is_new(self, name: str, count: int) -> bool:
+        """Return True if a count has grown since the last report."""
         before, self._before[name] = self._before.get(name, 0), count
         return count > before
 
-    def _part(
+    def _encode(
         self, part: str, problems: Iterable[Problem], fine: str, values: Mapping[str, object]
-    ) -> Part:
+    ) -> EncodedStatus:
         present = list(problems)
         level = max((level for level, _ in present), default=OK)
         message = "; ".join(text for _, text in present) or fine
-        return self._writers[part].write(level, message, values)
+        return self._encoders[part].encode(level, message, values)
+
+
+def _incomplete_text(pipeline: MessagePipeline) -> str:
+    missing = missing_topics(pipeline.matcher, pipeline.scene)
+    if missing:
+        names = ", ".join(missing)
+        return f"pose and twist with the same stamp never arrive together (missing: {names})"
+    return (
+        "samples stay incomplete: pose and twist with the same stamp do not both arrive before "
+        "the next sample is complete"
+    )
+
+
+def _unknown_frame_text(pipeline: MessagePipeline) -> str:
+    scene, seen = pipeline.scene, pipeline.matcher.unknown_frame
+    assert seen is not None
+    body = BODIES[seen.body]
+    odometry = scene.input == "odometry" and seen.quantity != "load"
+    expected = [scene.world_frame]
+    if seen.quantity != "pose":
+        expected.append(scene.bodies[seen.body].frame)
+    field = "child_frame_id" if odometry and seen.quantity == "twist" else "frame_id"
+    return (
+        f"{body}/{'odom' if odometry else seen.quantity}: unknown {field} {seen.frame!r} "
+        f"(expected {' or '.join(repr(frame) for frame in expected)}); "
+        f"treated as {seen.axes} axes"
+    )
+
+
+def _flag_texts(scene: Scene, health: Health) -> Iterator[tuple[int, str]]:
+    """Flags that call for a warning, with value expected and remedy."""
+    bodies = zip(("body_a", "body_b"), scene.bodies, strict=True)
+    moving = ", ".join(name for name, body in bodies if body.kind != "fixed")
+    yield (
+        layout.UNDERSAMPLED,
+        "undersampled: rotation per sample is above 0.5 rad; use a shorter period",
+    )
+    yield (
+        layout.TURN_AMBIGUOUS,
+        "number of turns is ambiguous: predicted and measured angle differ by more than pi/2; "
+        "check the twist, or use a shorter period",
+    )
+    yield (
+        layout.TWIST_CONTRADICTS,
+        f"{moving}: twist does not match pose differences; check its axes (frame_id, twist_axes) "
+        "and units",
+    )
+    yield (
+        layout.MISALIGNED,
+        f"correcting constraint drift: too large for one step (worst: {health.worst_offset:.3g} m, "
+        f"{health.worst_angle:.3g} rad)",
+    )
+    yield (
+        layout.GAINS_LOWERED,
+        "penalty gains lowered: those in the parameters are unstable at this period",
+    )
+    yield (
+        layout.INTEGRATION,
+        f"plant_integration = {scene.plant_integration!r} does not match the motion; measured "
+        f"integration is {_OTHER_INTEGRATION[scene.plant_integration]}",
+    )

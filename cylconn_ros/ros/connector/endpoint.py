@@ -1,46 +1,45 @@
-"""One connector of a node: its topics, its answers, its timeout and its report.
+"""One connector of a node: topics, message pipeline, timeout and diagnostics.
 
-A node has as many as its parameters name, all of them served by one thread, recorded in one run and
-moved through the lifecycle together.
+A node has one endpoint for each connector that its parameters name. All endpoints are processed by
+one thread, recorded in one run and moved through the lifecycle together.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 
-from cylconn_ros.messages.coupled_pipeline import Together
-from cylconn_ros.messages.pipeline import OUTPUTS, Answer, Answering
-from cylconn_ros.messages.prefix import STREAM_OF
-from cylconn_ros.messages.topic_names import said
+from cylconn_ros.messages.coupled_pipeline import CoupledPipeline
+from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline, Response
+from cylconn_ros.messages.topic_names import prefix_log
 from cylconn_ros.recording.writer import RunWriter
-from cylconn_ros.ros.connector.diagnostics import Links, Monitor
-from cylconn_ros.ros.connector.diagnostics_encoder import Part
-from cylconn_ros.ros.connector.incomplete import Waiting
+from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor, timeout_text
+from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus
 from cylconn_ros.ros.connector.recorder import Recorder, now
-from cylconn_ros.ros.connector.topics import Topics, is_seldom
-from cylconn_ros.ros.connector.watchdog import News, Silence
+from cylconn_ros.ros.connector.topics import Topics, is_triggering
+from cylconn_ros.ros.connector.watchdog import IncompleteSamples, Watchdog, WatchdogEvent
 from cylconn_ros.ros.executor import fused
-from cylconn_ros.ros.executor.executor import Inputs, Receive
-from cylconn_ros.ros.executor.fused import Straight
-from cylconn_ros.ros.executor.sequence_numbers import Gaps
+from cylconn_ros.ros.executor.executor import InputGroup, Receive
+from cylconn_ros.ros.executor.fused import FusedPath
+from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
+from cylconn_ros.scene.inputs import STREAM_NUMBER
 from cylconn_ros.scene.scene import Scene
 
 
-class Served:
-    """A connector by the name that its parameters and topics have; the only one has none.
+class ConnectorEndpoint:
+    """A connector; ``name`` is the prefix of its parameters and topics, empty for a single one.
 
     Attributes
     ----------
-        answering: what answers, from configuring to cleaning up.
-        topics, links: what it reads and publishes, and what the middleware tells of that.
-        history: samples answered since it last forgot everything.
-        together, partners: what solves it together with others, and who they are.
-        listeners: by input, the connectors and their inputs that get the same messages.
+        pipeline: processes the messages, from configuration to clean-up.
+        topics: publishers and subscriptions. status: their connection status.
+        history: samples processed since the last reset.
+        coupled, partners: solver of connectors that share bodies, and its endpoints in order.
+        forwards: by input, the endpoints and inputs that receive the same messages.
     """
 
     def __init__(
@@ -50,25 +49,26 @@ class Served:
         scene: Callable[[], Scene],
         recorder: Recorder,
         lock: Any,
-        on_loop: bool,
+        own_thread: bool,
     ) -> None:
-        """``scene`` gives the one in force; ``lock`` is held by all that changes what answers.
+        """``scene`` returns the scene in force; ``lock`` protects the pipeline.
 
-        ``on_loop``: a :class:`~cylconn_ros.ros.executor.executor.Loop` takes the inputs, not the executor.
+        ``own_thread``: a :class:`~cylconn_ros.ros.executor.executor.SampleExecutor` takes the
+        inputs, not the node's executor.
         """
         self.name = name
         self._node, self._scene, self._recorder, self._lock = node, scene, recorder, lock
-        self.links = Links()
-        self.topics = Topics(node, name, self.links, on_loop)
-        self._on_loop = on_loop
-        self._straight: Straight | None = None  # while inputs are open, where it can be had
-        self.together: Together | None = None
-        self.partners: list[Served] = []  # as the members of ``together`` are
-        self.listeners: dict[str, list[tuple[Served, str]]] = {}
-        self.answering: Answering | None = None
-        self._prepared: Answering | None = None
-        self._answered_at = 0.0  # s, steady clock
-        self._waiting, self._silence = Waiting(), Silence()
+        self.status = ConnectionStatus()
+        self.topics = Topics(node, name, self.status, own_thread)
+        self._own_thread = own_thread
+        self._fused: FusedPath | None = None  # while inputs are open, if it is supported
+        self.coupled: CoupledPipeline | None = None
+        self.partners: list[ConnectorEndpoint] = []  # in the order of the members of ``coupled``
+        self.forwards: dict[str, list[tuple[ConnectorEndpoint, str]]] = {}
+        self.pipeline: MessagePipeline | None = None
+        self._prepared: MessagePipeline | None = None
+        self._processed_at = 0.0  # s, steady clock
+        self._incomplete, self._watchdog = IncompleteSamples(), Watchdog()
         self._drawing = scene().markers  # fixed when the node starts
         self.history = 0
         own_name = node.get_fully_qualified_name().strip("/")
@@ -76,212 +76,224 @@ class Served:
 
     # --- samples ---------------------------------------------------------------------------------
 
-    def open_inputs(self) -> Inputs:
-        """Subscribe; what a loop is to serve."""
-        answering = self.answering
-        assert answering is not None
-        entries = self.topics.open_inputs(answering, self._receiver)
-        if not self._goes_straight(answering):
-            return Inputs(entries)
-        often = [name for name in answering.inputs if not is_seldom(name)]
+    def open_inputs(self) -> InputGroup:
+        """Subscribe; return the subscriptions for a SampleExecutor."""
+        pipeline = self.pipeline
+        assert pipeline is not None
+        entries = self.topics.open_inputs(pipeline, self._receiver)
+        if not self._can_fuse():
+            return InputGroup(entries)
+        names = [name for name in pipeline.inputs if is_triggering(name)]
+        triggering = [entry for entry in entries if entry.triggering]
         inputs = [
-            fused.Input(entry.subscription, STREAM_OF[name], entry.receive, Gaps(entry.lost))
-            for name, entry in zip(
-                often, [entry for entry in entries if not entry.seldom], strict=True
+            fused.Input(
+                entry.subscription, STREAM_NUMBER[name], entry.receive, SequenceNumbers(entry.lost)
             )
+            for name, entry in zip(names, triggering, strict=True)
         ]
-        self._straight = Straight(
-            inputs, self.topics.publishers, answering.parts, self._went_straight
-        )
-        return Inputs(entries, self._take_straight)
+        self._fused = FusedPath(inputs, self.topics.publishers, pipeline.parts, self._on_fused)
+        return InputGroup(entries, self._take_fused)
 
-    def _goes_straight(self, answering: Answering) -> bool:
-        """Whether nothing stands between a sample and the compiled call that answers it."""
-        alone = self.together is None and not self.listeners and not self.topics.foreign
-        compiled = answering.connector.method != "minimal" and not fused.missing()
-        return self._on_loop and alone and compiled
+    def _can_fuse(self) -> bool:
+        """Return True if this connector can use the fused path: alone, compiled, own thread."""
+        alone = self.coupled is None and not self.forwards and not self.topics.remote
+        return self._own_thread and alone and not fused.missing()
 
-    def _take_straight(self, caught: Callable[[Exception], object]) -> int | None:
-        assert self._straight is not None
+    def _take_fused(self, on_error: Callable[[Exception], object]) -> int | None:
+        assert self._fused is not None
         writer = self._recorder.writer
-        if writer is not self._straight.writer:
-            self._straight.record(writer, [] if writer is None else self._channels(writer))
-        return self._straight.take(caught)
+        if writer is not self._fused.writer:
+            self._fused.record(writer, [] if writer is None else self._channels(writer))
+        return self._fused.take(on_error)
 
     def _channels(self, writer: RunWriter) -> list[int]:
-        """Where the messages of the straight way are recorded: inputs, then answers."""
-        assert self.answering is not None
-        inputs = [name for name in self.answering.inputs if not is_seldom(name)]
+        """Channel numbers of the fused path's inputs and outputs in the recording."""
+        assert self.pipeline is not None
+        inputs = [name for name in self.pipeline.inputs if is_triggering(name)]
         names = [*inputs, *(name for name, _ in OUTPUTS)]
         return [writer.channels[self.topics.resolved(name)] for name in names]
 
-    def _went_straight(self, samples: int) -> None:
-        """Take note of samples that were answered and published."""
-        assert self.answering is not None
-        assert self._straight is not None
-        stamp, before, begun, unsent = self._straight.told[fused.STAMP : fused.UNSENT + 1]
-        self.answering.went_on(stamp, before if begun else None, samples)
-        if unsent:
-            self._straight.told[fused.UNSENT] = 0
-            self.topics.failed(unsent)
+    def _on_fused(self, samples: int) -> None:
+        """Take over stamps and counts of samples that the fused path computed and published."""
+        assert self.pipeline is not None
+        assert self._fused is not None
+        status = self._fused.status
+        stamp, previous, has_previous, unpublished = status[fused.STAMP : fused.UNPUBLISHED + 1]
+        self.pipeline.advance(stamp, previous if has_previous else None, samples)
+        if unpublished:
+            status[fused.UNPUBLISHED] = 0
+            self.topics.count_unpublished(unpublished)
         self._published(stamp, samples)
 
     def _receiver(self, name: str, topic: str) -> Receive:
-        """What takes the messages of input ``name``, received on ``topic``."""
+        """Make the handler of messages of input ``name``, received on ``topic``."""
         recorder = self._recorder
-        takers = [(self, name), *self.listeners.get(name, ())]
+        receivers = [(self, name), *self.forwards.get(name, ())]
 
         def receive(data: bytes) -> bool:
-            """Answer, publish, record; whether a sample was complete."""
+            """Process, publish, record; return True if a sample was complete."""
             recording = recorder.running
-            came = now() if recording else 0
-            answered: list[tuple[Served, Answer]] = []
-            for connector, its in takers:
-                connector.take(its, data, answered)
+            received_at = now() if recording else 0
+            processed: list[tuple[ConnectorEndpoint, Response]] = []
+            for endpoint, input_name in receivers:
+                endpoint.receive(input_name, data, processed)
             if recording:
-                recorder.write(topic, data, came)
-                for connector, answer in answered:
-                    connector.record(answer)
-            return bool(answered)
+                recorder.write(topic, data, received_at)
+                for endpoint, outputs in processed:
+                    endpoint.record(outputs)
+            return bool(processed)
 
         return receive
 
-    def take(self, name: str, data: bytes, answered: list[tuple[Served, Answer]]) -> None:
-        """Take a message of an input; publish what it completes, and add it to ``answered``."""
-        answering = self.answering
-        assert answering is not None
-        answer = answering.inputs[name].receive(data)
-        if answer is None:
+    def receive(
+        self, name: str, data: bytes, processed: list[tuple[ConnectorEndpoint, Response]]
+    ) -> None:
+        """Process a message of an input; publish the outputs and append them to ``processed``."""
+        pipeline = self.pipeline
+        assert pipeline is not None
+        outputs = pipeline.inputs[name].receive(data)
+        if outputs is None:
             return
-        self._publish(answer)
-        answered.append((self, answer))
-        if self.together is not None:
-            for k, other in self.together.taken().items():
+        self._publish(outputs)
+        processed.append((self, outputs))
+        if self.coupled is not None:
+            for k, other in self.coupled.take_responses().items():
                 self.partners[k]._publish(other)
-                answered.append((self.partners[k], other))
+                processed.append((self.partners[k], other))
 
-    def _publish(self, answer: Answer) -> None:
-        self.topics.publish(answer)
-        self._published(answer.stamp, 1)
+    def _publish(self, outputs: Response) -> None:
+        self.topics.publish(outputs)
+        self._published(outputs.stamp, 1)
 
     def _published(self, stamp: int, samples: int) -> None:
-        self._answered_at = time.monotonic()
+        self._processed_at = time.monotonic()
         self.history += samples
-        if self._drawing and self.answering is not None:
-            self.topics.draw(stamp, self.answering)
+        if self._drawing and self.pipeline is not None:
+            self.topics.draw(stamp, self.pipeline)
 
-    def record(self, answer: Answer) -> None:
-        """Record an answer, after the message that completed its sample."""
-        went = now()
-        for topic, data in self.topics.outgoing(answer):
-            self._recorder.write(topic, data, went)
+    def record(self, outputs: Response) -> None:
+        """Record the outputs of a sample, after the message that completed it."""
+        published_at = now()
+        for topic, data in self.topics.outgoing(outputs):
+            self._recorder.write(topic, data, published_at)
 
     def _wanted(self, name: str) -> bool:
-        """Whether an output is to be made: somebody listens, or it is recorded."""
-        return self._recorder.running or self.topics.wanted(name)
+        """Return True if an output is needed: it has subscribers, or it is recorded."""
+        return self._recorder.running or self.topics.has_subscribers(name)
 
-    def look(self, now: float) -> float:
-        """Watch the timeout at ``now``; when to look again (s, steady clock)."""
-        answering, silence = self.answering, self._silence
-        if answering is None or now < silence.due:
-            return silence.due
+    def check(self, now: float) -> float:
+        """Check the inputs at ``now``; return the time of the next check (s, steady clock)."""
+        pipeline, watchdog = self.pipeline, self._watchdog
+        if pipeline is None or now < watchdog.due:
+            return watchdog.due
         with self._lock:
-            answering.settle()
-            scene, answered = self._scene(), self._answered_at if self.history else None
+            pipeline.flush()
+            scene, last = self._scene(), self._processed_at if self.history else None
         logger = self._node.get_logger()
-        reason = self._waiting.look(answering.matcher, scene, now)
-        if reason:
-            logger.warning(said(self.name, reason))
-        news = silence.look(now, answered, scene.timeout)
-        self.links.silent = silence.silent
-        if news is News.BACK:
-            logger.info(said(self.name, "samples are back"))
-        elif news is News.STOPPED:
-            self.links.timeouts += 1
-            text = f"no complete sample for {scene.timeout:g} s: zero wrench until the next"
-            logger.warning(said(self.name, text))
+        warning = self._incomplete.check(pipeline.matcher, scene, now)
+        if warning:
+            logger.warning(prefix_log(self.name, warning))
+        event = watchdog.check(now, last, scene.timeout)
+        self.status.timed_out = watchdog.timed_out
+        if event is WatchdogEvent.RESUMED:
+            logger.info(prefix_log(self.name, "input resumed"))
+        elif event is WatchdogEvent.TIMEOUT:
+            self.status.timeouts += 1
+            logger.warning(prefix_log(self.name, timeout_text(scene.timeout)))
             self.send_zero()
-        return silence.due
+        return watchdog.due
 
     def send_zero(self) -> None:
-        """Publish zero wrenches, where a sample was ever answered."""
+        """Publish zero wrenches, if any sample was processed before."""
         with self._lock:
-            answer = None if self.answering is None else self.answering.zero()
-            if answer is not None:
-                self.topics.publish(answer)
-                self.record(answer)
+            outputs = None if self.pipeline is None else self.pipeline.zero()
+            if outputs is not None:
+                self.topics.publish(outputs)
+                self.record(outputs)
 
-    def report(self, recorder: Recorder | None) -> list[Part]:
-        """What diagnostics say of it, and of the recording where they are to."""
-        with self._lock:  # what happens meanwhile belongs into the next report
-            health = None if self.answering is None else self.answering.health.taken()
-        return self._monitor.report(self.answering, recorder, self.links, health)
+    def report(self, recorder: Recorder | None) -> list[EncodedStatus]:
+        """Diagnostics of the connector, and of the recording if ``recorder`` is given."""
+        with self._lock:  # events during the report belong to the next one
+            health = None if self.pipeline is None else self.pipeline.health.report()
+        return self._monitor.report(self.pipeline, recorder, self.status, health)
 
     # --- lifecycle and parameters ----------------------------------------------------------------
 
-    def configure(self) -> str:
-        """Make the connector and its publishers; its model in words."""
-        self.answering = Answering(self._scene())
-        self.answering.wanted = self._wanted
+    def configure(self) -> tuple[str, str]:
+        """Create pipeline and publishers; return what is modelled, and what is not."""
+        self.pipeline = MessagePipeline(self._scene())
+        self.pipeline.wanted = self._wanted
         self.topics.open_outputs(self._scene())
-        if self._goes_straight(self.answering):
-            fused.prepare(self.answering.parts)
-        return self.answering.connector.model
+        if self._can_fuse():
+            fused.prepare(self.pipeline.parts)
+        connector = self.pipeline.connector
+        return connector.model, connector.not_modelled
 
     def activate(self) -> None:
-        """Begin a new history."""
-        assert self.answering is not None
-        self.answering.release()  # a command that came before deactivation may be out of date
-        self.forget()
+        """Start a new history."""
+        assert self.pipeline is not None
+        self.pipeline.release()  # a command received before deactivation may be out of date
+        self.reset()
 
     def deactivate(self) -> None:
         """Unsubscribe, and send a last zero wrench."""
         self.topics.close_inputs()
-        if self._straight is not None:
-            self._straight.close()
-            self._straight = None
+        if self._fused is not None:
+            self._fused.close()
+            self._fused = None
         self.send_zero()
 
-    def clean(self) -> None:
-        """Release connector and publishers."""
+    def clean_up(self) -> None:
+        """Release pipeline and publishers."""
         self.topics.close_outputs()
-        self.answering = None
+        self.pipeline = None
 
-    def wait_until_taken(self, timeout: Duration) -> None:
+    def wait_for_acknowledgement(self, timeout: Duration) -> None:
         """Wait until subscribers have acknowledged the wrenches, at most ``timeout``."""
-        self.topics.wait_until_taken(timeout)
+        self.topics.wait_for_acknowledgement(timeout)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget the reference configuration and all history."""
-        assert self.answering is not None
-        self.answering.reset()
-        if self.together is not None:
-            self.together.forget()
+        assert self.pipeline is not None
+        self.pipeline.reset()
+        if self.coupled is not None:
+            self.coupled.reset()
         self.history = 0
-        self._silence.forget()
-        self.links.silent = False
+        self._watchdog.reset()
+        self.status.timed_out = False
 
     def prepare(self, scene: Scene) -> None:
-        """Make the connector of a changed scene; raises SceneError where it cannot be served."""
-        if self.answering is not None:
-            self._prepared = Answering(scene)
-            self._prepared.keep_imposed(self.answering)
+        """Create the pipeline of a changed scene; raise SceneError if it cannot be used."""
+        if self.pipeline is not None:
+            self._prepared = MessagePipeline(scene)
+            self._prepared.keep_imposed(self.pipeline)
 
     def apply(self) -> None:
-        """Put in force what was prepared."""
-        prepared, previous, self._prepared = self._prepared, self.answering, None
+        """Put the prepared pipeline in force."""
+        prepared, previous, self._prepared = self._prepared, self.pipeline, None
         if prepared is None or previous is None:
             return
         with self._lock:
-            prepared.take_over(previous)
-            self.answering = prepared
-            self._silence.due = 0.0
-            if self._straight is not None:
-                self._straight.use(prepared.parts)
+            prepared.restore_from(previous)
+            self.pipeline = prepared
+            self._watchdog.due = 0.0
+            if self._fused is not None:
+                self._fused.use(prepared.parts)
             if not prepared.continues:
-                self.forget()
+                self.reset()
         logger = self._node.get_logger()
-        if prepared.connector.model != previous.connector.model:
-            logger.info(said(self.name, prepared.connector.model))
+        model, before = (
+            (one.connector.model, one.connector.not_modelled) for one in (prepared, previous)
+        )
+        if model != before:
+            log_model(logger, [self.name], *model)
         if not prepared.continues:
-            logger.info(said(self.name, "the next sample is the reference configuration"))
+            logger.info(prefix_log(self.name, "the next sample is the reference configuration"))
+
+
+def log_model(logger: Any, connectors: Sequence[str], model: str, not_modelled: str) -> None:
+    """Log what is modelled, at info level, and what is not, at debug level."""
+    names = ", ".join(connectors)
+    logger.info(prefix_log(names, model))
+    if not_modelled:
+        logger.debug(prefix_log(names, f"not modelled: {not_modelled}"))

@@ -1,4 +1,4 @@
-"""Pictures of the connector for RViz and Foxglove: shaft, sleeve and the force between them."""
+"""Markers of the connector for RViz and Foxglove: shaft, sleeve and the force between them."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from cylconn_ros.connector.frames import into_world
 from cylconn_ros.core import layout
 from cylconn_ros.scene.scene import Scene
 
-RATE = 30.0  # pictures a second are enough
-_COLOURS = {  # told apart also by the colour-blind
+RATE = 30.0  # 1/s, greatest rate of marker messages
+_COLOURS = {  # distinguishable for colour-blind users
     layout.FRICTIONLESS: (0.6, 0.6, 0.6),
     layout.STICK: (0.0, 0.45, 0.7),
     layout.SLIP: (0.9, 0.6, 0.0),
 }
-_ARROW = 0.2  # m, length at the largest force seen so far
+_ARROW = 0.2  # m, length of the arrow at the largest force so far
 
 
 class Markers:
-    """Draw samples and their answers, in the world frame."""
+    """Draw samples and connector forces in the world frame."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -38,7 +38,7 @@ class Markers:
         self._largest = 1e-9
 
     def draw(self, stamp: int, sample: np.ndarray, out: np.ndarray) -> MarkerArray:
-        """Draw one sample ((38,), core/layout.py) with its answer; ``stamp`` in ns."""
+        """Draw a sample (38,) and its output (NOUT,), see core/layout.py; ``stamp`` in ns."""
         pose = sample[layout.A_POSE : layout.A_POSE + 7].tolist()
         node = self._scene.node_a
         offset = into_world(pose, (*node.position, 0.0, 0.0, 0.0))[:3]
@@ -70,7 +70,7 @@ class Markers:
     def _cylinder(
         self, number: int, centre: np.ndarray, orientation: list[float], length: float, width: float
     ) -> Marker:
-        """A cylinder along the slot; a marker's own is along z."""
+        """A cylinder along the slot axis; the marker's own axis is z."""
         marker = Marker(id=number, type=Marker.CYLINDER)
         half = math.sqrt(0.5)
         _set_pose(marker.pose, centre, _product(orientation, (0.0, half, 0.0, half)))
@@ -88,7 +88,7 @@ class Markers:
         orientation: list[float],
         angle: float,
     ) -> Marker:
-        """A bar along the sleeve's surface, by which its spin is seen."""
+        """A bar on the sleeve's surface that shows its rotation."""
         marker = Marker(id=number, type=Marker.CUBE)
         outside = math.cos(angle) * axes[1] + math.sin(angle) * axes[2]
         turned = _product(orientation, (math.sin(angle / 2), 0.0, 0.0, math.cos(angle / 2)))
@@ -114,7 +114,7 @@ def _set_pose(pose: Pose, position: np.ndarray, orientation: list[float]) -> Non
 
 
 def _product(p: list[float] | tuple[float, ...], q: list[float] | tuple[float, ...]) -> list[float]:
-    """The rotation q followed by p, as a unit quaternion x, y, z, w."""
+    """Rotation q followed by p, as a unit quaternion x, y, z, w."""
     x, y, z, w = p
     a, b, c, d = q
     product = (

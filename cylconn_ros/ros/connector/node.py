@@ -1,4 +1,4 @@
-"""The node that serves connector computations; see docs and ``connector --help``."""
+"""Lifecycle node of the executable ``connector``; see ``connector --help``."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cylconn_ros.errors import RecordingError, SceneError
-from cylconn_ros.messages.topic_names import said
-from cylconn_ros.methods.coupled import answer as answer_together
+from cylconn_ros.messages.topic_names import prefix_log
+from cylconn_ros.methods.coupled import complete_coupled
 from cylconn_ros.methods.dispatch import step
 from cylconn_ros.ros import run_node
 from cylconn_ros.ros.arguments import Arguments
 from cylconn_ros.ros.connector.diagnostics import OK
-from cylconn_ros.ros.connector.diagnostics_encoder import Part, written
-from cylconn_ros.ros.connector.endpoint import Served
-from cylconn_ros.ros.connector.open_recording import open_run
+from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus, encode_diagnostics
+from cylconn_ros.ros.connector.endpoint import ConnectorEndpoint, log_model
+from cylconn_ros.ros.connector.open_recording import open_recording
 from cylconn_ros.ros.connector.parameters import SceneParameters, differences, ros_part
 from cylconn_ros.ros.connector.recorder import Recorder
-from cylconn_ros.ros.connector.shared_bodies import share_topics, solve_together
+from cylconn_ros.ros.connector.shared_bodies import couple_connectors, share_body_topics
 from cylconn_ros.ros.connector.topics import check_qos_overrides
 from cylconn_ros.ros.executor import executor, fused
 from cylconn_ros.scene.parameter_file import scene_part
@@ -37,27 +37,26 @@ from cylconn_ros.scene.scene import Scene, several
 USAGE = """\
 usage: connector [--version] --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
-Serve a cylindrical connector between two bodies: read their poses and twists, answer each sample
-with the wrenches on both. Needs a scene, at least node_a.orientation and the moving bodies' mass
-and inertia, from a parameter file or -p. connectors: [NAME, ...] serves several, each with its
+Cylindrical connector between two bodies: subscribe to their poses and twists, and publish the
+wrenches on both for each sample. Needs a scene, at least node_a.orientation and the moving bodies'
+mass and inertia, from a parameter file or -p. connectors: [NAME, ...] runs several, each with its
 parameters and topics below its name. Stop with Ctrl-C.
-Parameters: docs/parameters.md; an example with all of them: config/connector.yaml.
-Exit codes: 0 stopped, 2 arguments or parameters that cannot be used, 130 interrupted while
-compiling."""
+Parameters: docs/reference/parameters.md; an example with all of them: config/connector.yaml.
+Exit codes: 0 stopped, 2 invalid arguments or parameters, 130 interrupted while compiling."""
 
 
-_LOOK, _TURN = 0.02, 0.1  # s between looks at the clock, least and most
-_OVERDUE = 0.5  # s without a look before it is taken out of the loop's hands
-_REPORTS = 1.0  # s between reports on a connector
-_TURNS, _MOST = 10, 16  # turns in which they are reported on; connectors in a message
-_GRAPH = 2.5  # s between looks at the graph
-_TAKING = 0.2  # s for the last wrenches to be acknowledged
+_CHECK_LEAST, _CHECK_MOST = 0.02, 0.1  # s between checks of the timeouts
+_OVERDUE = 0.5  # s without a check after which the node's executor checks instead
+_REPORTS = 1.0  # s between diagnostics of a connector
+_ROUNDS, _MOST = 10, 16  # diagnostics messages per second; connectors in a message
+_GRAPH = 2.5  # s between queries of the graph
+_ACKNOWLEDGE = 0.2  # s for the last wrenches to be acknowledged
 
 
 class ConnectorNode(LifecycleNode):
-    """Serve connectors: the one of its parameters, or as many as they name.
+    """Node with one connector, or with each connector that the parameters name.
 
-    Raises SceneError at construction for parameters that cannot be used.
+    Raises SceneError at construction if the parameters are invalid.
     """
 
     def __init__(self, parameters: Mapping[str, Any], **node_arguments: Any) -> None:
@@ -65,132 +64,136 @@ class ConnectorNode(LifecycleNode):
         scenes = several(scene_part(parameters))
         super().__init__("connector", parameter_overrides=ros_part(parameters), **node_arguments)
         self.done = Future()
-        self.failure = ""  # why a transition failed
+        self.failure = ""  # reason of the last failed transition
         self.parameters = SceneParameters(self, scenes, self._prepare, self._apply)
-        self._lock = threading.RLock()  # of all that answering a sample changes
+        self._lock = threading.RLock()  # protects pipelines and recording
         self.recorder = Recorder(Path(self.scene.record.directory), self._lock)
-        lacking = executor.missing(self)
-        if lacking:
+        missing = executor.missing(self)
+        if missing:
             self.get_logger().warning(
-                f"this rclpy has no {lacking}: samples are served by its executor, which is slower"
+                f"rclpy has no {missing}: samples are processed by its own executor, which is "
+                "slower"
             )
         elif fused.missing():
             self.get_logger().warning(
-                f"{fused.missing()} is missing: samples are served in Python, which is slower"
+                f"{fused.missing()} is missing: samples are processed in Python, which is slower"
             )
-        self._loop = None if lacking else executor.Loop(self, self._lock, self.caught, self._look)
-        self._connectors = [self._serving(name) for name in scenes]
-        self._groups = share_topics(self._connectors, scenes)
-        self._said: dict[str, str] = {}  # what the log has last said of each part of diagnostics
+        self._executor = (
+            None
+            if missing
+            else executor.SampleExecutor(self, self._lock, self.handle_error, self._check)
+        )
+        self._connectors = [self._endpoint(name) for name in scenes]
+        self._groups = share_body_topics(self._connectors, scenes)
+        self._logged: dict[str, str] = {}  # last warning in the log, by diagnostics name
         check_qos_overrides(
             self, parameters, {one.topics: scenes[one.name] for one in self._connectors}
         )
         self.state = "unconfigured"  # of the lifecycle
         self._next_report = 0
         self._graph_due = 0.0
-        self._due = 0.0  # when to look at the clock (s, steady)
+        self._due = 0.0  # time of the next check (s, steady clock)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._at_once = min(math.ceil(len(scenes) / _TURNS), _MOST)
-        turns = math.ceil(len(scenes) / self._at_once)
-        self.create_timer(_REPORTS / turns, self._diagnose, clock=self._steady)
-        if self._loop is None:
-            self.create_timer(_LOOK, lambda: self._look_for(0.0), clock=self._steady)
-        for name, serve in (
+        self._per_round = min(math.ceil(len(scenes) / _ROUNDS), _MOST)
+        rounds = math.ceil(len(scenes) / self._per_round)
+        self.create_timer(_REPORTS / rounds, self._diagnose, clock=self._steady)
+        if self._executor is None:
+            self.create_timer(_CHECK_LEAST, lambda: self._check_if_due(0.0), clock=self._steady)
+        for name, handler in (
             ("~/start_recording", self._start_recording),
             ("~/stop_recording", self._stop_recording),
             ("~/reset", self._reset),
         ):
-            self.create_service(Trigger, name, serve)
+            self.create_service(Trigger, name, handler)
 
-    def _serving(self, name: str) -> Served:
-        """A connector, with what all of them have in common."""
-        fused_path = self._loop is not None
-        return Served(
-            self, name, lambda: self.parameters.scenes[name], self.recorder, self._lock, fused_path
+    def _endpoint(self, name: str) -> ConnectorEndpoint:
+        own_thread = self._executor is not None
+        return ConnectorEndpoint(
+            self, name, lambda: self.parameters.scenes[name], self.recorder, self._lock, own_thread
         )
 
     @property
     def scene(self) -> Scene:
-        """The scene in force of the first connector; what is the node's is the same in all."""
+        """Scene in force of the first connector; parameters of the node are the same in all."""
         return next(iter(self.parameters.scenes.values()))
 
-    # --- watching --------------------------------------------------------------------------------
+    # --- checks and diagnostics ------------------------------------------------------------------
 
-    def _look(self, now: float) -> float:
-        """Watch timeouts; when to look again."""
+    def _check(self, now: float) -> float:
+        """Check the timeouts at ``now``; return the time of the next check (s, steady clock)."""
         if now >= self._due:
-            first = min(connector.look(now) for connector in self._connectors)
-            self._due = max(first, now + _LOOK)
-        return min(self._due, now + _TURN)
+            first = min(connector.check(now) for connector in self._connectors)
+            self._due = max(first, now + _CHECK_LEAST)
+        return min(self._due, now + _CHECK_MOST)
 
-    def _look_for(self, overdue: float) -> None:
-        """Look on the executor, if whoever should have looked has not for ``overdue`` s."""
+    def _check_if_due(self, overdue: float) -> None:
+        """Check on the node's executor if the check is more than ``overdue`` s late."""
         now = time.monotonic()
         if self.state == "active" and now >= self._due + overdue:
-            self._look(now)
+            self._check(now)
 
     def _diagnose(self) -> None:
-        """Report on some connectors after the others, each once a second, and on the recording."""
-        self._look_for(_OVERDUE)
+        """Report on the next connectors, each once per second, and on the recording."""
+        self._check_if_due(_OVERDUE)
         first = self._next_report
-        those = self._connectors[first : first + self._at_once]
+        those = self._connectors[first : first + self._per_round]
         self._next_report = (first + len(those)) % len(self._connectors)
         if not first:
-            self._look_for_types()
-        parts: list[Part] = []
+            self._check_types()
+        parts: list[EncodedStatus] = []
         for connector in those:
             recorder = self.recorder if connector is self._connectors[0] else None
             parts += connector.report(recorder)
-        self._diagnostics.publish(written(self.get_clock().now().nanoseconds, parts))
-        for part in parts:  # the log says what is new; how often it was is in the report
+        self._diagnostics.publish(encode_diagnostics(self.get_clock().now().nanoseconds, parts))
+        for part in parts:  # a warning is logged when its text changes; counts are in the report
             bad = part.level != OK
-            if bad and self._said.get(part.name) != part.message:
+            if bad and self._logged.get(part.name) != part.message:
                 self.get_logger().warning(f"{part.name}: {part.message}")
-            self._said[part.name] = part.message if bad else ""
+            self._logged[part.name] = part.message if bad else ""
 
-    def _look_for_types(self) -> None:
-        """Ask the graph, now and then, who publishes other messages on an input."""
+    def _check_types(self) -> None:
+        """Query the graph for publishers of another message type on the inputs."""
         now = time.monotonic()
         if now >= self._graph_due:
             self._graph_due = now + _GRAPH
             graph = dict(self.get_topic_names_and_types())
             for connector in self._connectors:
-                connector.topics.look_for_types(graph)
+                connector.topics.check_types(graph)
 
-    def caught(self, error: Exception) -> bool:
-        """Count and report what a callback raised; the node goes on."""
-        links = self._connectors[0].links
-        links.caught += 1
-        links.caught_text = f"{type(error).__name__}: {error}"
-        self.get_logger().error(links.caught_text, throttle_duration_sec=1.0)
+    def handle_error(self, error: Exception) -> bool:
+        """Count and log an exception of a callback; return True: the node continues."""
+        status = self._connectors[0].status
+        status.failed_callbacks += 1
+        status.callback_error = f"{type(error).__name__}: {error}"
+        self.get_logger().error(status.callback_error, throttle_duration_sec=1.0)
         return True
 
     # --- lifecycle -------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Configure and activate, unless ``autostart`` is off; raises SceneError."""
+        """Configure and activate, unless ``autostart`` is false; raise SceneError on failure."""
         if not self.scene.autostart:
-            self.get_logger().info("waiting to be configured and activated (autostart is false)")
+            self.get_logger().info("waiting for configure and activate (autostart is false)")
             return
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
                 raise SceneError(self.failure)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the connectors and their publishers."""
+        """Create the pipelines and publishers."""
         return self._transition("inactive", state, self._configure, super().on_configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin a new history: subscribe, and record if asked to."""
+        """Start a new history: subscribe, and record if ``record.enabled``."""
         return self._transition("active", state, super().on_activate, self._activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Send last zero wrenches, unsubscribe, close the recording."""
+        """Unsubscribe, send zero wrenches, close the recording."""
         return self._transition("inactive", state, self._deactivate, super().on_deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release connectors and publishers."""
+        """Release pipelines and publishers."""
         return self._transition("unconfigured", state, super().on_cleanup, self._clean)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -203,7 +206,7 @@ class ConnectorNode(LifecycleNode):
         return result
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything, to be configured anew."""
+        """Release everything; the node can be configured again."""
         return self._transition("unconfigured", state, self._deactivate, self._clean)
 
     def finish(self) -> None:
@@ -212,7 +215,7 @@ class ConnectorNode(LifecycleNode):
             self.trigger_shutdown()
 
     def _transition(self, to: str, state: LifecycleState, *steps: Any) -> TransitionCallbackReturn:
-        """Take steps; a failure is logged and leaves the node where it was."""
+        """Run the steps of a transition; a failure is logged and the state does not change."""
         try:
             for step in steps:
                 step(state)
@@ -222,22 +225,22 @@ class ConnectorNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         self.state = to
         for connector in self._connectors:
-            connector.links.state = to
+            connector.status.state = to
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self, _state: LifecycleState) -> None:
         run_node.announce_compiling(step, self.get_logger().info)
-        alike: dict[str, list[str]] = {}
+        by_model: dict[tuple[str, str], list[str]] = {}
         for connector in self._connectors:
-            alike.setdefault(connector.configure(), []).append(connector.name)
+            by_model.setdefault(connector.configure(), []).append(connector.name)
         if len(self._groups) < len(self._connectors):
-            run_node.announce_compiling(answer_together, self.get_logger().info)
+            run_node.announce_compiling(complete_coupled, self.get_logger().info)
         for group in self._groups:
-            text = solve_together(group)
+            text = couple_connectors(group)
             if text:
                 self.get_logger().info(text)
-        for model, names in alike.items():
-            self.get_logger().info(said(", ".join(names), model))
+        for model, names in by_model.items():
+            log_model(self.get_logger(), names, *model)
 
     def _activate(self, _state: LifecycleState) -> None:
         for connector in self._connectors:
@@ -246,21 +249,23 @@ class ConnectorNode(LifecycleNode):
             try:
                 self.get_logger().info(self._open_recording())
             except RecordingError as error:
-                self.get_logger().error(f"{error}; serving without a recording")
-        groups = [executor.joined([one.open_inputs() for one in group]) for group in self._groups]
-        if self._loop is not None:
-            self._loop.open(groups)
+                self.get_logger().error(f"{error}; running without a recording")
+        groups = [
+            executor.merge_groups([one.open_inputs() for one in group]) for group in self._groups
+        ]
+        if self._executor is not None:
+            self._executor.open(groups)
 
     def _deactivate(self, _state: LifecycleState) -> None:
         if self.state != "active":
             return
-        if self._loop is not None:
-            self._loop.close()
+        if self._executor is not None:
+            self._executor.close()
         for connector in self._connectors:
             connector.deactivate()
-        end = time.monotonic() + _TAKING
+        end = time.monotonic() + _ACKNOWLEDGE
         for connector in self._connectors:
-            connector.wait_until_taken(Duration(seconds=max(0.0, end - time.monotonic())))
+            connector.wait_for_acknowledgement(Duration(seconds=max(0.0, end - time.monotonic())))
         if self.recorder.running:
             try:
                 self.get_logger().info(self.recorder.stop())
@@ -269,7 +274,7 @@ class ConnectorNode(LifecycleNode):
 
     def _clean(self, _state: LifecycleState) -> None:
         for connector in self._connectors:
-            connector.clean()
+            connector.clean_up()
 
     # --- services and parameters -----------------------------------------------------------------
 
@@ -281,7 +286,7 @@ class ConnectorNode(LifecycleNode):
         return self._respond(response, self.recorder.stop)
 
     def _reset(self, _request: Any, response: Any) -> Any:
-        return self._respond(response, self._start_anew)
+        return self._respond(response, self._restart)
 
     def _respond(self, response: Any, act: Any) -> Any:
         try:
@@ -297,22 +302,22 @@ class ConnectorNode(LifecycleNode):
         return response
 
     def _open_recording(self) -> str:
-        directory = open_run(self.recorder, self, self.scene.record, self._connectors)
+        directory = open_recording(self.recorder, self, self.scene.record, self._connectors)
         return f"recording to {directory}"
 
-    def _start_anew(self) -> str:
-        """Forget all history; a recording goes on in a new run, as a run is one history."""
-        if self._connectors[0].answering is None:
+    def _restart(self) -> str:
+        """Forget all history; a recording continues in a new run, because a run is one history."""
+        if self._connectors[0].pipeline is None:
             raise SceneError(f"the node is {self.state}: nothing to reset")
         with self._lock:
             for connector in self._connectors:
-                connector.forget()
+                connector.reset()
             if not self.recorder.running:
                 return "reset: the next sample is the reference configuration"
             return f"reset; {self.recorder.stop()}; {self._open_recording()}"
 
     def _prepare(self, scenes: Mapping[str, Scene]) -> None:
-        """Make the connectors of changed scenes before the change is accepted."""
+        """Create the pipelines of changed scenes before the change is accepted."""
         for scene in scenes.values():
             self.recorder.check(scene.record.directory)
         if self.recorder.running:
@@ -329,14 +334,16 @@ class ConnectorNode(LifecycleNode):
                     f"{n}: {old} -> {new}"
                     for n, old, new in differences(before[name], scenes[name])
                 )
-                self.get_logger().info(said(name, f"parameters changed: {changes or 'nothing'}"))
+                self.get_logger().info(
+                    prefix_log(name, f"parameters changed: {changes or 'nothing'}")
+                )
         with self._lock:
             for connector in self._connectors:
                 if connector.name in scenes:
                     connector.apply()
             for group in self._groups:
-                solve_together(group)
-            self._due = 0.0  # the timeout may be another
+                couple_connectors(group)
+            self._due = 0.0  # the timeout may have changed
 
 
 def _make(arguments: Arguments) -> ConnectorNode:

@@ -1,4 +1,4 @@
-"""Open one recorded run for all connectors of a node: its topics, and what it says of itself."""
+"""Open one recorded run for all connectors of a node: topics and metadata."""
 
 from __future__ import annotations
 
@@ -10,45 +10,51 @@ from rclpy.node import Node
 
 from cylconn_ros import __version__
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages.topic_names import said
-from cylconn_ros.ros.connector.endpoint import Served
+from cylconn_ros.messages.topic_names import prefix_log
+from cylconn_ros.ros.connector.endpoint import ConnectorEndpoint
 from cylconn_ros.ros.connector.recorder import Recorder, now
-from cylconn_ros.scene.groups import Record
+from cylconn_ros.scene.outputs import Record
 from cylconn_ros.scene.parameter_file import dump_several
 
 
-def open_run(recorder: Recorder, node: Node, wanted: Record, connectors: Sequence[Served]) -> Path:
-    """Begin to record; returns where. Raises RecordingError where that cannot be."""
-    serving = [(one, one.answering) for one in connectors if one.answering is not None]
-    if not serving:
-        raise RecordingError(f"the node is {connectors[0].links.state}: nothing to record")
-    told = {
+def open_recording(
+    recorder: Recorder, node: Node, wanted: Record, endpoints: Sequence[ConnectorEndpoint]
+) -> Path:
+    """Start a recording; return its directory. Raises RecordingError if it cannot be started."""
+    open_ones = [(one, one.pipeline) for one in endpoints if one.pipeline is not None]
+    if not open_ones:
+        raise RecordingError(f"the node is {endpoints[0].status.state}: nothing to record")
+    connectors = {
         one.name: {
-            "method": answering.connector.method,
-            "model": answering.connector.model,
-            "topics": one.topics.by_name(answering),
+            "method": pipeline.connector.method,
+            "model": pipeline.connector.model,
+            "topics": one.topics.resolved_names(pipeline),
             "together": ", ".join(other.name for other in one.partners if other is not one),
         }
-        for one, answering in serving
+        for one, pipeline in open_ones
     }
     metadata = {
         "version": __version__,
         "node": node.get_fully_qualified_name(),
-        "method": ", ".join(dict.fromkeys(answering.connector.method for _, answering in serving)),
-        "model": "; ".join(said(one.name, answering.connector.model) for one, answering in serving),
-        "parameters": dump_several(
-            {one.name: answering.scene_in_force for one, answering in serving}
+        "method": ", ".join(dict.fromkeys(pipeline.connector.method for _, pipeline in open_ones)),
+        "model": "; ".join(
+            prefix_log(one.name, pipeline.connector.model) for one, pipeline in open_ones
         ),
-        "samples_before": str(sum(one.history for one in connectors)),  # 0: fit for replay
-        "connectors": json.dumps(told),
+        "parameters": dump_several(
+            {one.name: pipeline.scene_in_force for one, pipeline in open_ones}
+        ),
+        "samples_before": str(sum(one.history for one in endpoints)),  # 0: can be replayed
+        "connectors": json.dumps(connectors),
     }
-    recorded = {
-        info.name: info for one, answering in serving for info in one.topics.recorded(answering)
+    topics = {
+        info.name: info
+        for one, pipeline in open_ones
+        for info in one.topics.recorded_topics(pipeline)
     }
     directory = recorder.start(
-        wanted.directory, node.get_name(), list(recorded.values()), metadata, wanted.compression
+        wanted.directory, node.get_name(), list(topics.values()), metadata, wanted.compression
     )
-    for one, answering in serving:
-        for name, data in answering.held.items():  # what acts from the first sample on
+    for one, pipeline in open_ones:
+        for name, data in pipeline.loads.items():  # loads in force at the first sample
             recorder.write(one.topics.resolved(name), data, now())
     return directory

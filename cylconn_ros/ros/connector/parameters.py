@@ -1,4 +1,4 @@
-"""A scene's parameters as ROS parameters: declared from the schema, changed as a whole."""
+"""ROS parameters of a scene: declared from the schema, changed all at once or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CONNECTORS = ParameterDescriptor(
 
 
 def ros_part(parameters: Mapping[str, Any]) -> list[RosParameter]:
-    """The parameters that belong to ROS itself (use_sim_time, qos_overrides …), for the node."""
+    """Parameters of ROS itself (use_sim_time, qos_overrides …), for the node."""
     return [
         RosParameter(name, value=value)
         for name, value in parameters.items()
@@ -35,8 +35,8 @@ def ros_part(parameters: Mapping[str, Any]) -> list[RosParameter]:
 def describe(parameter: Parameter) -> ParameterDescriptor:
     """Describe a parameter to ROS tools.
 
-    Numbers are typed dynamically, because ROS takes 1 for another type than 1.0 and an empty list
-    for no value; and bounds stand in words, because ROS ranges refuse NaN. The scene checks both.
+    Numbers are typed dynamically, because in ROS 1 has another type than 1.0 and an empty list has
+    none. Bounds are given as text, because ROS ranges refuse NaN. The scene checks both.
     """
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     return ParameterDescriptor(
@@ -51,7 +51,7 @@ def describe(parameter: Parameter) -> ParameterDescriptor:
 def declare(node: Node, scenes: Mapping[str, Scene]) -> dict[str, list[tuple[str, str]]]:
     """Declare every parameter of the scenes of connectors by name.
 
-    Returns what each ROS parameter stands for: connectors, and the parameter of their scenes.
+    Returns, by ROS parameter, the connectors and the parameters of their scenes that it sets.
     """
     places: dict[str, list[tuple[str, str]]] = {}
     if multiple.ONE not in scenes:
@@ -69,11 +69,11 @@ def declare(node: Node, scenes: Mapping[str, Scene]) -> dict[str, list[tuple[str
 
 
 class SceneParameters:
-    """Keep the scenes of connectors and the node's parameters in agreement.
+    """Keep the scenes of connectors and the node's parameters consistent.
 
-    A change is accepted when the scenes it gives can be used; ``prepare`` gets those that change,
-    by connector, and may raise SceneError, too; ``apply`` then gets them with the scenes before,
-    and puts in force what was prepared. All of a change or none.
+    A change is accepted if the resulting scenes are valid. ``prepare`` gets the changed scenes by
+    connector and may raise SceneError; ``apply`` gets them with the previous scenes and puts the
+    prepared state in force. A change is applied completely or not at all.
     """
 
     def __init__(
@@ -109,9 +109,9 @@ class SceneParameters:
                 after = {**self.scenes, **scenes}
                 shared_bodies.check(after)
                 if shared_bodies.groups(after) != shared_bodies.groups(self.scenes):
-                    raise SceneError("which connectors share a body is fixed when the node starts")
+                    raise SceneError("shared bodies are fixed when the node starts")
                 self._prepare(scenes)
-        except Exception as error:  # SceneError; whatever else it is, nothing changes
+        except Exception as error:  # SceneError, or any other error: nothing changes
             return SetParametersResult(successful=False, reason=str(error))
         self._next = scenes
         return SetParametersResult(successful=True)
@@ -125,7 +125,7 @@ class SceneParameters:
 
 
 def differences(before: Scene, after: Scene) -> Iterator[tuple[str, str, str]]:
-    """Name, old and new value, as a user would write them, of every parameter that differs."""
+    """Name, old and new value (in YAML) of every parameter that differs."""
     old = before.parameters()
     for name, value in after.parameters().items():
         if show(old[name]) != show(value):
@@ -133,5 +133,5 @@ def differences(before: Scene, after: Scene) -> Iterator[tuple[str, str, str]]:
 
 
 def _to_ros(value: Value) -> Any:
-    """ROS has no empty list of doubles: not set."""
+    """Convert to a ROS value; ROS has no empty list of doubles: not set (None)."""
     return (list(value) or None) if isinstance(value, tuple) else value

@@ -1,4 +1,4 @@
-"""The node's side of recording: which topics, where to, and never in the way of an answer."""
+"""Recording switch of the node: start, write, stop; a failure never stops the samples."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from cylconn_ros.recording.writer import RunWriter
 
 
 class Recorder:
-    """Record while a run is open; a failure is kept in words and counted, never raised.
+    """Record while a run is open; a failure to write is stored and counted, not raised.
 
-    ``permitted`` is the directory that runs may be put in or below; None: any.
+    ``permitted``: directory in or below which runs may be created; None: any.
     """
 
     def __init__(self, permitted: Path | None = None, lock: Any = None) -> None:
-        """``lock`` is held by whoever writes, and here while a run is taken away from them."""
+        """``lock`` is held by the threads that write, and here while a run is closed."""
         self._lock = lock or contextlib.nullcontext()
         self._permitted = None if permitted is None else permitted.expanduser().resolve()
         self._writer: RunWriter | None = None
         self._error = ""
-        self._lost = 0  # not recorded, and not known to the writer of the open run
+        self._lost = 0  # not recorded, and not counted by the writer of the open run
         self.directory: Path | None = None  # of this or the last run
 
     @property
     def running(self) -> bool:
-        """Whether a run is open."""
+        """True while a run is open."""
         return self._writer is not None
 
     @property
     def writer(self) -> RunWriter | None:
-        """What writes the open run, for compiled code to put messages in (see there)."""
+        """Writer of the open run, to whose chunk buffer compiled code appends."""
         return self._writer
 
     @property
@@ -52,11 +52,11 @@ class Recorder:
 
     @property
     def lost(self) -> int:
-        """Messages not recorded because of it."""
+        """Messages that were not recorded."""
         return self._lost + (sum(self._writer.lost.values()) if self._writer is not None else 0)
 
     def check(self, directory: str | Path) -> Path:
-        """Where ``directory`` is, if runs may be put there; otherwise raises RecordingError."""
+        """Resolve ``directory``; raise RecordingError if runs may not be created there."""
         path = Path(directory).expanduser().resolve()
         if self._permitted is not None and self._permitted not in (path, *path.parents):
             raise RecordingError(
@@ -75,7 +75,7 @@ class Recorder:
     ) -> Path:
         """Open a run in a new directory below ``parent``, named by node and time; return it.
 
-        Raises RecordingError where that cannot be done or a run is open.
+        Raises RecordingError if the directory cannot be created or a run is open.
         """
         if self._writer is not None:
             raise RecordingError(f"already recording to {self.directory}")
@@ -87,7 +87,7 @@ class Recorder:
             while directory.exists():  # two runs within a second
                 again += 1
                 directory = place / f"{name}_{again}"
-            self._writer = RunWriter(directory, topics, metadata, compression, patient=False)
+            self._writer = RunWriter(directory, topics, metadata, compression, wait_for_disk=False)
         except (RecordingError, OSError) as error:
             self._error = f"cannot record: {error}"
             raise RecordingError(self._error) from None
@@ -96,19 +96,19 @@ class Recorder:
         return self.directory
 
     def write(self, topic: str, data: bytes, time_ns: int) -> None:
-        """Record a message, if a run is open; ``time_ns`` is when it came or went."""
+        """Record a message, if a run is open; ``time_ns``: time of reception or publication."""
         writer = self._writer
         if writer is None:
             return
         channel = writer.channels.get(topic, 0)
         if channel:
-            writer.put(channel, data, time_ns, time_ns)  # which counts what it refuses
+            writer.append(channel, data, time_ns, time_ns)  # counts the messages that it refuses
         else:
-            self._error = f"topic {topic} is not recorded here"
+            self._error = f"topic {topic} is not part of this recording"
             self._lost += 1
 
     def stop(self) -> str:
-        """Close the run and say what it holds; raises RecordingError where closing fails."""
+        """Close the run; return a summary. Raises RecordingError if closing fails."""
         with self._lock:
             writer, self._writer = self._writer, None
         if writer is None:
@@ -124,5 +124,5 @@ class Recorder:
 
 
 def now() -> int:
-    """Time of day in ns, the clock of recordings."""
+    """Time of day in ns: the clock of recordings."""
     return time.time_ns()

@@ -1,21 +1,23 @@
-"""Which connectors of a node share a body: one topic for its motion, and one solution."""
+"""Connectors of a node that share a body: one topic for its motion, and one coupled solution."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from cylconn_ros.messages.coupled_pipeline import Together
+from cylconn_ros.messages.coupled_pipeline import CoupledPipeline
 from cylconn_ros.messages.pipeline import input_names
-from cylconn_ros.ros.connector.endpoint import Served
+from cylconn_ros.ros.connector.endpoint import ConnectorEndpoint
 from cylconn_ros.scene import shared_bodies
 from cylconn_ros.scene.scene import Scene
 
 
-def share_topics(connectors: Sequence[Served], scenes: Mapping[str, Scene]) -> list[list[Served]]:
-    """Give the motion and load of a shared body topics of its own, below its frame's name.
+def share_body_topics(
+    connectors: Sequence[ConnectorEndpoint], scenes: Mapping[str, Scene]
+) -> list[list[ConnectorEndpoint]]:
+    """Move the motion and load of each shared body to topics below the name of its frame.
 
-    The first connector that has the body subscribes, and hands on to the others. Returns the
-    connectors that belong together, each of them in one list.
+    The first connector that has the body subscribes and forwards messages to the others. Returns
+    the groups of coupled connectors.
     """
     by_name = {one.name: one for one in connectors}
     for frame, places in shared_bodies.shared(scenes).items():
@@ -26,12 +28,12 @@ def share_topics(connectors: Sequence[Served], scenes: Mapping[str, Scene]) -> l
                 by_name[other].topics.shared[f"{shared_bodies.BODIES[k]}/{kind}"] = (
                     f"{frame}/{kind}"
                 )
-            listening = [
+            forwards = [
                 (by_name[other], f"{shared_bodies.BODIES[k]}/{kind}") for other, k in others
             ]
-            by_name[first].listeners[name] = listening
-            for connector, its in listening:
-                connector.topics.foreign.add(its)
+            by_name[first].forwards[name] = forwards
+            for connector, input_name in forwards:
+                connector.topics.remote.add(input_name)
     return [[by_name[name] for name in names] for names in shared_bodies.groups(scenes)]
 
 
@@ -41,13 +43,13 @@ def _inputs(scene: Scene, body: int) -> list[str]:
     ]
 
 
-def solve_together(group: Sequence[Served]) -> str:
-    """Have connectors that share a body solved together, going on from where they are; in words."""
-    answering = [one.answering for one in group if one.answering is not None]
-    if len(group) == 1 or len(answering) < len(group):
+def couple_connectors(group: Sequence[ConnectorEndpoint]) -> str:
+    """Couple connectors that share a body, keeping their histories; return the line to log."""
+    pipelines = [one.pipeline for one in group if one.pipeline is not None]
+    if len(group) == 1 or len(pipelines) < len(group):
         return ""
-    together = Together(answering)
+    coupled = CoupledPipeline(pipelines)
     for one in group:
-        one.together, one.partners = together, list(group)
+        one.coupled, one.partners = coupled, list(group)
     names = ", ".join(one.name for one in group)
-    return f"{names}: share bodies and are solved together; redundant reactions are the least"
+    return f"{names}: shared bodies, coupled solution; redundant reactions have minimum norm"

@@ -1,53 +1,108 @@
-"""When samples have stopped, and when to look next whether they have."""
+"""Watch the inputs of a connector: timeout, and why samples stay incomplete."""
 
 from __future__ import annotations
 
 import enum
 
-SOON, LONGEST = 0.1, 1.0  # s between looks, without samples and with them
+from cylconn_ros.connector.synchronizer import SampleMatcher
+from cylconn_ros.scene.inputs import carrier
+from cylconn_ros.scene.scene import Scene
+
+SOON, LONGEST = 0.1, 1.0  # s, greatest time between checks: after a timeout, and otherwise
+PATIENCE = 2.0  # s with messages but no complete sample before the first warning
+_AGAIN = 30.0  # s between further warnings
 
 
-class News(enum.Enum):
-    """What a look has found."""
+class WatchdogEvent(enum.Enum):
+    """Result of a check."""
 
     NONE = enum.auto()
-    STOPPED = enum.auto()  # no sample within the timeout; told once for a last sample
-    BACK = enum.auto()
+    TIMEOUT = enum.auto()  # no sample within the timeout; reported once per last sample
+    RESUMED = enum.auto()  # samples arrive again after a timeout
 
 
-class Silence:
-    """Tell when the timeout after a sample is over, with as few looks as that takes.
+class Watchdog:
+    """Timeout of the samples, with as few checks as possible.
 
-    While samples come, nothing can be over before the last one's timeout is. After that, looks are
-    so close that each new sample is seen within its own timeout. Times are of the steady clock, as
-    simulated time stops with the samples.
+    While samples arrive, the next check is due when the timeout of the last one ends. After a
+    timeout, checks are frequent enough to see each new sample within its own timeout. Times are of
+    the steady clock, because simulated time stops with the samples.
 
     Attributes
     ----------
-        silent: samples have stopped. due: when to look again (s).
+        timed_out: no sample within the timeout. due: time of the next check (s).
     """
 
     def __init__(self) -> None:
-        self.silent = False
+        self.timed_out = False
         self.due = 0.0
-        self._told: float | None = None  # when the last sample was answered that was the last
+        self._reported: float | None = None  # time of the sample whose timeout was reported
 
-    def forget(self) -> None:
-        """Begin anew: no sample has been answered yet."""
-        self.silent, self.due = False, 0.0
+    def reset(self) -> None:
+        """Start a new history: no sample was processed yet."""
+        self.timed_out, self.due = False, 0.0
 
-    def look(self, now: float, answered: float | None, timeout: float) -> News:
-        """Look at ``now``; the last sample was ``answered`` then, or none (s)."""
+    def check(self, now: float, last: float | None, timeout: float) -> WatchdogEvent:
+        """Check at ``now``; ``last`` is the time of the last sample, None without one (s)."""
         self.due = now + min(timeout, SOON)
-        if answered is None:
-            return News.NONE
-        end = answered + timeout
+        if last is None:
+            return WatchdogEvent.NONE
+        end = last + timeout
         if now < end:
             self.due = min(end, now + LONGEST)
-            back, self.silent = self.silent, False
-            return News.BACK if back else News.NONE
-        self.silent = True
-        if self._told == answered:
-            return News.NONE
-        self._told = answered
-        return News.STOPPED
+            resumed, self.timed_out = self.timed_out, False
+            return WatchdogEvent.RESUMED if resumed else WatchdogEvent.NONE
+        self.timed_out = True
+        if self._reported == last:
+            return WatchdogEvent.NONE
+        self._reported = last
+        return WatchdogEvent.TIMEOUT
+
+
+class IncompleteSamples:
+    """Find out why messages form no sample, from the start of a history to its first sample."""
+
+    def __init__(self) -> None:
+        self._begin: float | None = None  # time of the first messages of this history
+        self._before: dict[str, int] = {}  # messages received before them
+        self._next = PATIENCE
+
+    def check(self, matcher: SampleMatcher, scene: Scene, now: float) -> str:
+        """Return a warning with topic, reason and remedy, or '' (``now``: s, steady clock)."""
+        if matcher.last_stamp is not None:
+            self._begin, self._before = None, dict(matcher.received)
+            return ""
+        counts = {n: k - self._before.get(n, 0) for n, k in matcher.received.items()}
+        if self._begin is None:
+            self._begin = now if any(counts.values()) else None
+            self._next = now + PATIENCE
+        if self._begin is None or now < self._next:
+            return ""
+        self._next = now + _AGAIN
+        received = ", ".join(f"{_topic(scene, name)} {n}" for name, n in counts.items() if n)
+        reason = _reason(matcher, scene)
+        return f"no complete sample in {now - self._begin:.0f} s; received: {received}; {reason}"
+
+
+def missing_topics(matcher: SampleMatcher, scene: Scene) -> list[str]:
+    """Relative topics of a sample on which no message has arrived."""
+    return list(dict.fromkeys(_topic(scene, name) for name in matcher.missing))
+
+
+def _reason(matcher: SampleMatcher, scene: Scene) -> str:
+    together = "pose and twist with the same stamp never arrive together"
+    missing = missing_topics(matcher, scene)
+    if missing:
+        return f"{together} (missing: {', '.join(missing)})"
+    offset = matcher.stamp_offset
+    if offset is None:
+        return f"{together}: check their header stamps"
+    text = f"{together}: their stamps differ by at least {offset * 1e-9:g} s"
+    if scene.period and offset * 1e-9 >= 0.5 * scene.period:
+        return f"{text}, half a period or more; publish both with the same header stamp"
+    return f"{text}; set stamp_tolerance (now {scene.stamp_tolerance:g} s) above that"
+
+
+def _topic(scene: Scene, stream: str) -> str:
+    body, _, quantity = stream.partition("/")
+    return f"{body}/{carrier(scene.input, quantity).topic}"

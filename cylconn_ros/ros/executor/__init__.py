@@ -1,1 +1,1 @@
-"""The executor that waits for message events and takes serialized messages."""
+"""Executor for samples: serialized messages from rcl to the connector and back."""

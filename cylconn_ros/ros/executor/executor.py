@@ -1,15 +1,18 @@
-"""A thread that waits for messages as bytes and hands them on: the short way from the network.
+"""Executor that takes serialized messages on its own thread, woken by message events.
 
-The ordinary executor builds what it waits on anew for every message, and makes message objects of
-what comes. Here the middleware rings a bell (ros/executor/new_message_event.py), one for every group of subscriptions
-whose messages make samples together, and bytes stay bytes. And as the messages of a sample mostly
-come in one order, a group's bell is tied to the one that completed its last sample, and the others
-are taken with it: the thread wakes once a sample instead of once a message. What comes seldom, and
-completes no sample, has a bell of its own, so that nobody asks for it in vain. In a loop closed as
-fast as it goes, where one sample follows the other's answer, the thread stays awake for the next.
+rclpy's executor rebuilds its wait set for every message and deserializes the message. Here the
+middleware signals an event (ros/executor/new_message_event.py), one for every group of
+subscriptions whose messages form samples together, and messages stay serialized.
 
-This needs interfaces of rclpy that are not public. Where one is missing (:func:`missing` says
-which), the node's executor has to serve the subscriptions.
+The messages of a sample usually arrive in the same order. The event of a group is therefore armed
+for the subscription that completed the last sample only, and the other subscriptions are taken
+with it: the thread wakes once per sample instead of once per message. Subscriptions that never
+complete a sample (loads, commands: non-triggering) have an event of their own, so that they cost
+nothing while they are idle. In a fast closed loop, in which each sample follows the wrench of the
+previous one, the thread polls for the next sample instead of sleeping.
+
+This needs interfaces of rclpy that are not public. If one is missing (:func:`missing` names it),
+the node's own executor has to process the subscriptions.
 """
 
 from __future__ import annotations
@@ -25,22 +28,23 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from cylconn_ros.ros.executor import new_message_event
-from cylconn_ros.ros.executor.sequence_numbers import Gaps
+from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
 
-_IDLE = 0.05  # s between looks whether to end, while nothing is expected
-_LOOK = 0.005  # s between looks whether what is expected has come
-_PATIENCE = 4.0  # of the time between samples: then others may not pile up any more
-_LEAST, _MOST = 0.005, 1.0  # s, of that time
-_CLOSE = 0.0003  # s between samples, up to which sleeping in between is not worth it
-_IN_A_ROW = 8  # of them, or it was a few that had piled up
-_THOROUGH = 16  # once in so many rounds everything that waits is taken, not one of each
+_IDLE = 0.05  # s, greatest wait while no sample is due; also limits the delay of close()
+_CHECK = 0.005  # s between checks whether a sample is overdue
+_OVERDUE = 4.0  # sample intervals after which a group is taken without an event
+_LEAST, _MOST = 0.005, 1.0  # s, bounds of that time
+_CLOSE = 0.0003  # s between samples, up to which polling is better than sleeping
+_IN_A_ROW = 8  # such intervals before the thread polls; fewer may be a short backlog
+_THOROUGH = 16  # once in this many rounds all queued messages are taken, not one of each
 _ALL = 1000
 
 Receive = Callable[[bytes], bool]
+"""Process a serialized message; return True if it completed a sample."""
 
 
 def missing(node: Node) -> str:
-    """What this rclpy lacks for a :class:`Loop` to serve inputs of ``node``; mostly nothing."""
+    """Return the name of the missing interface, or '' if ``node`` can have a SampleExecutor."""
     try:
         from rclpy.impl.implementation_singleton import rclpy_implementation
     except ImportError:
@@ -53,165 +57,166 @@ def missing(node: Node) -> str:
     return new_message_event.missing()
 
 
-class Entry(NamedTuple):
-    """A subscription, made with ``raw=True``, and what takes its messages.
+class InputSubscription(NamedTuple):
+    """A subscription made with ``raw=True`` and the handler of its messages.
 
-    ``receive`` returns whether the message completed a sample; ``lost`` is told how many messages
-    never came; ``seldom``: it never completes one.
+    ``lost`` gets the number of messages that were lost. ``triggering``: its messages can complete
+    a sample.
     """
 
     subscription: Subscription
     receive: Receive
     lost: Callable[[int], object] = lambda _: None
-    seldom: bool = False
+    triggering: bool = True
 
 
-class Inputs(NamedTuple):
-    """Subscriptions whose messages make samples together.
+class InputGroup(NamedTuple):
+    """Subscriptions whose messages form samples together.
 
-    ``take``, where there is one, takes all messages of those that are not ``seldom`` and has them
-    served; it returns which of these completed the last sample, and gives what serving raises to
+    ``take``, if given, takes and processes all queued messages of the triggering subscriptions. It
+    returns the index of the subscription that completed the last sample and passes exceptions to
     its argument.
     """
 
-    entries: Sequence[Entry]
+    entries: Sequence[InputSubscription]
     take: Callable[[Callable[[Exception], object]], int | None] | None = None
 
 
-def joined(several: Sequence[Inputs]) -> Inputs:
-    """Inputs whose messages make samples together only with the others'."""
-    if len(several) == 1:
-        return several[0]
-    return Inputs([entry for inputs in several for entry in inputs.entries])
+def merge_groups(groups: Sequence[InputGroup]) -> InputGroup:
+    """Merge groups whose messages form samples only together."""
+    if len(groups) == 1:
+        return groups[0]
+    return InputGroup([entry for group in groups for entry in group.entries])
 
 
-_Stream = tuple[int, Callable[[], Any], Receive, Gaps]
+_Stream = tuple[int, Callable[[], Any], Receive, SequenceNumbers]
 
 
-def _streams(entries: Sequence[Entry]) -> list[_Stream]:
-    """Number, what takes a message (None where there is none), what receives it, its gaps."""
+def _streams(entries: Sequence[InputSubscription]) -> list[_Stream]:
+    """Index, take function (None if the queue is empty), handler and sequence numbers of each."""
     return [
         (k, functools.partial(handle.take_message, entry.subscription.msg_type, True),
-         entry.receive, Gaps(entry.lost))
+         entry.receive, SequenceNumbers(entry.lost))
         for k, entry in enumerate(entries) for handle in (entry.subscription.handle,)
     ]  # fmt: skip
 
 
 class _Group:
-    """Subscriptions whose messages make samples together, in the order in which they are taken."""
+    """Subscriptions whose messages form samples together, in the order in which they are taken."""
 
-    def __init__(self, inputs: Inputs, caught: Callable[[Exception], object]) -> None:
-        often = [entry for entry in inputs.entries if not entry.seldom]
-        seldom = [entry for entry in inputs.entries if entry.seldom]
-        self._take_often = inputs.take or self._take_queued
-        self.bell, self.seldom_bell = (
-            new_message_event.Bell([entry.subscription for entry in some])
-            for some in (often, seldom)
+    def __init__(self, inputs: InputGroup, on_error: Callable[[Exception], object]) -> None:
+        triggering = [entry for entry in inputs.entries if entry.triggering]
+        others = [entry for entry in inputs.entries if not entry.triggering]
+        self._take_triggering = inputs.take or self._take_queued
+        self.event, self.non_triggering_event = (
+            new_message_event.MessageEvent([entry.subscription for entry in entries])
+            for entries in (triggering, others)
         )
-        self.seldom_bell.tie(range(len(seldom)))
-        self._streams, self._seldom = _streams(often), _streams(seldom)
-        self._caught = caught
-        self._last: int | None = None  # who completed the last sample
+        self.non_triggering_event.arm(range(len(others)))
+        self._streams, self._non_triggering = _streams(triggering), _streams(others)
+        self._on_error = on_error
+        self._last: int | None = None  # stream that completed the last sample
         self._rounds = 0
-        self._expected = False  # whether it rings for what comes next alone, and that is in time
+        self._expected = False  # the event is armed for the completing stream, which is in time
         self._completed = 0.0
-        self.due = 0.0  # when to look, though the bell has not rung; 0: it rings for all of them
-        self.awake = 0.0  # until when to wait for the next sample without sleeping
-        self._close = 0  # samples in a row that followed closely
-        self._tie(None)
+        self.due = 0.0  # when to take messages without an event; 0: armed for all streams
+        self.poll_until = 0.0  # until when to poll for the next sample
+        self._close = 0  # short sample intervals in a row
+        self._arm(None)
 
-    def _tie(self, last: int | None) -> None:
+    def _arm(self, last: int | None) -> None:
         self._last = last
-        self.bell.tie(range(len(self._streams)) if last is None else (last,))
+        self.event.arm(range(len(self._streams)) if last is None else (last,))
 
-    def serve(self, now: float) -> None:
-        """Take what has come, and say to the bell what comes next."""
+    def process(self, now: float) -> None:
+        """Take the queued messages and arm the event for the next sample."""
         self._expected = self._last is not None and now < self.due
-        last = self._take_often(self._caught)
+        last = self._take_triggering(self._on_error)
         if last != self._last:
-            self._tie(last)
+            self._arm(last)
         if last is None:
-            self.due = self.awake = 0.0  # part of a sample: what is close is not the next one
+            self.due = self.poll_until = 0.0  # part of a sample: a short interval means nothing
         else:
             since = now - self._completed
             self._completed = now
-            self.due = now + min(max(_PATIENCE * since, _LEAST), _MOST)
+            self.due = now + min(max(_OVERDUE * since, _LEAST), _MOST)
             self._close = self._close + 1 if since < _CLOSE else 0
-            self.awake = now + _CLOSE if self._close >= _IN_A_ROW else 0.0
+            self.poll_until = now + _CLOSE if self._close >= _IN_A_ROW else 0.0
 
-    def _take_queued(self, _caught: Callable[[Exception], object]) -> int | None:
-        """Take what has come message by message; who completed the last sample."""
+    def _take_queued(self, _on_error: Callable[[Exception], object]) -> int | None:
+        """Take the queue message by message; return the stream that completed the last sample."""
         self._rounds += 1
         most = 1 if self._expected and self._rounds % _THOROUGH else _ALL
         last = self._take(self._streams, most)
-        if last is None and most == 1:  # what was not taken has rung already
+        if last is None and most == 1:  # the event of the messages left queued has already fired
             last = self._take(self._streams, _ALL)
         return last
 
-    def serve_seldom(self) -> None:
-        """Take all that has come of what completes no sample."""
-        self._take(self._seldom, _ALL)
+    def process_non_triggering(self) -> None:
+        """Take all queued messages that cannot complete a sample."""
+        self._take(self._non_triggering, _ALL)
 
     def _take(self, streams: Sequence[_Stream], most: int) -> int | None:
-        """Take up to ``most`` messages of each; who completed a sample last."""
+        """Take up to ``most`` messages of each; return the last stream that completed a sample."""
         last: int | None = None
-        for k, take, receive, gaps in streams:
+        for k, take, receive, numbers in streams:
             for _ in range(most):
                 taken = take()
                 if taken is None:
                     break
                 data, info = taken
                 number = info["publication_sequence_number"]
-                if number == gaps.expected:
-                    gaps.expected = number + 1
+                if number == numbers.expected:
+                    numbers.expected = number + 1
                 else:
-                    gaps.apart(number)
+                    numbers.out_of_sequence(number)
                 try:
                     if receive(data):
                         last = k
                 except Exception as error:
-                    self._caught(error)
+                    self._on_error(error)
         return last
 
     def close(self) -> None:
-        """Hear nothing any more."""
-        self.bell.close()
-        self.seldom_bell.close()
+        """Close both events."""
+        self.event.close()
+        self.non_triggering_event.close()
 
 
-class Loop:
-    """Serve groups of subscriptions of a node on a thread of its own.
+class SampleExecutor:
+    """Process groups of subscriptions of a node on a thread of its own.
 
-    ``lock`` is held while messages are handed on. ``caught`` gets what receiving raises. ``look``
-    watches the clock: it gets the time (s, steady) and says when it wants to look again. It does so
-    here, as this thread wakes for samples anyhow, and one of its own would have to be woken for it.
+    ``lock`` is held while messages are processed. ``on_error`` gets exceptions of handlers.
+    ``check`` is called with the time (s, steady clock) and returns the time of its next call. It
+    runs on this thread, which wakes for samples anyway; a separate timer would need wake-ups of its
+    own.
     """
 
     def __init__(
         self,
         node: Node,
         lock: Any,
-        caught: Callable[[Exception], object],
-        look: Callable[[float], float] = lambda _: math.inf,
+        on_error: Callable[[Exception], object],
+        check: Callable[[float], float] = lambda _: math.inf,
     ) -> None:
-        self._node, self._lock, self._caught, self._look = node, lock, caught, look
-        self._entries: list[Entry] = []
+        self._node, self._lock, self._on_error, self._check = node, lock, on_error, check
+        self._entries: list[InputSubscription] = []
         self._groups: list[_Group] = []
         self._ending = False
         self._thread: threading.Thread | None = None
 
-    def open(self, groups: Sequence[Inputs]) -> None:
-        """Take subscriptions over from the node's executor and begin."""
+    def open(self, groups: Sequence[InputGroup]) -> None:
+        """Take the subscriptions over from the node's executor and start the thread."""
         self._entries = [entry for group in groups for entry in group.entries]
         for entry in self._entries:
             self._node._subscriptions.remove(entry.subscription)
-        self._groups = [_Group(inputs, self._caught) for inputs in groups]
+        self._groups = [_Group(inputs, self._on_error) for inputs in groups]
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="samples", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End, and give the subscriptions back to the node; not to be called by its own thread."""
+        """Stop the thread (called from another one) and return the subscriptions to the node."""
         self._ending = True
         if self._thread is not None:
             self._thread.join()
@@ -224,39 +229,40 @@ class Loop:
 
     def _run(self) -> None:
         groups, lock = self._groups, self._lock
-        ear = new_message_event.Ear()
+        poller = new_message_event.EventPoller()
         for number, group in enumerate(groups):
-            ear.listen(group.bell, number)
-            ear.listen(group.seldom_bell, ~number)
-        looked, patience, due = 0.0, _IDLE, 0.0
+            poller.register(group.event, number)
+            poller.register(group.non_triggering_event, ~number)
+        checked, patience, due = 0.0, _IDLE, 0.0
         now = time.monotonic()
         while not self._ending:
-            awake = groups[0].awake if len(groups) == 1 else 0.0  # several ring often, close or not
-            rung = ear.wait(max(0.0, min(patience, due - now)), awake)
+            # With several groups events are frequent anyway: no polling.
+            poll_until = groups[0].poll_until if len(groups) == 1 else 0.0
+            ready = poller.wait(max(0.0, min(patience, due - now)), poll_until)
             now = time.monotonic()
-            for number in sorted(rung):  # what comes seldom first: it acts on the sample with it
+            for number in sorted(ready):  # loads and commands first: they act on this sample
                 with lock:
                     if number < 0:
-                        groups[~number].serve_seldom()
+                        groups[~number].process_non_triggering()
                     else:
-                        groups[number].serve(now)
-            if rung:
-                patience = _LOOK
-            if now - looked >= _LOOK:
-                looked, patience = now, _IDLE
+                        groups[number].process(now)
+            if ready:
+                patience = _CHECK
+            if now - checked >= _CHECK:
+                checked, patience = now, _IDLE
                 for group in groups:
                     if 0.0 < group.due < now:
                         with lock:
-                            group.serve(now)
+                            group.process(now)
                     if group.due > 0.0:
-                        patience = _LOOK
+                        patience = _CHECK
             if now >= due:
-                due = self._looked(now)
-        ear.close()
+                due = self._next_check(now)
+        poller.close()
 
-    def _looked(self, now: float) -> float:
+    def _next_check(self, now: float) -> float:
         try:
-            return self._look(now)
+            return self._check(now)
         except Exception as error:
-            self._caught(error)
+            self._on_error(error)
             return now + _IDLE

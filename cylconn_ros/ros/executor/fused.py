@@ -1,8 +1,8 @@
-"""The straight way: from the middleware's queues to its publishers in one compiled call.
+"""Fused path: rcl take, step and publish in one compiled call.
 
-It takes what has come, and where it makes a sample as nearly all do, answers it and
-publishes the answer; it goes on while samples come. A message that is not like the others ends the
-call, for the caller to have it served on the ordinary way and to call again.
+A call takes queued messages, computes each sample that they complete, publishes its outputs and
+goes on while samples are complete. It returns at the first message that does not match its
+template; the caller processes that message on the reference path and calls again.
 """
 
 from __future__ import annotations
@@ -14,41 +14,35 @@ import numpy as np
 
 from cylconn_ros.connector import batch
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import COMPILED, call, device_function, kernel
-from cylconn_ros.messages import prefix_decoder_lane
-from cylconn_ros.messages.prefix_decoder_lane import (
-    COMPLETE,
-    FIRST,
-    MOST_BYTES,
-    NOT_ALIKE,
-    ROW,
-    Lane,
-)
-from cylconn_ros.messages.statistics import note
-from cylconn_ros.messages.templates import BEGIN, COUNT, SIZE, Letters, write
-from cylconn_ros.recording.chunk_buffer import Tray
-from cylconn_ros.recording.kernels import put
+from cylconn_ros.core.jit import COMPILED, call, device_function, inline_function, kernel
+from cylconn_ros.messages import prefix_decoder
+from cylconn_ros.messages.pipeline import PipelineParts
+from cylconn_ros.messages.prefix_decoder import COMPLETE, MAX_BYTES
+from cylconn_ros.messages.statistics import count as count_sample
+from cylconn_ros.messages.templates import BEGIN, COUNT, SIZE, write
+from cylconn_ros.recording.mcap.chunk_buffer import ChunkBuffer
+from cylconn_ros.recording.mcap.kernels import append
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.ros.executor import rcl
-from cylconn_ros.ros.executor.sequence_numbers import Gaps
+from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
 
-_REAL, _MONOTONIC = 0, 1  # the numbers of those clocks
-_WRENCHES: Final = 2  # the messages of an answer that are published whether somebody listens or not
+_REAL, _MONOTONIC = 0, 1  # CLOCK_REALTIME, CLOCK_MONOTONIC
+_WRENCHES: Final = 2  # the first outputs, which are published even without subscribers
 
-# What a call tells, and is told.
-ODD: Final = 0  # number of the input whose message is odd; -1: none is
-LAST: Final = 1  # number of the input that completed the last sample; -1: none was
+# Status block exchanged with _serve().
+MISMATCH: Final = 0  # index of the input whose message does not match its template; -1: none
+LAST: Final = 1  # index of the input that completed the last sample; -1: none
 STAMP: Final = 2  # of the last sample, ns
-BEFORE: Final = 3  # of the one before, ns
-BEGUN: Final = 4  # whether there was one
-UNSENT: Final = 5  # messages that could not be published
-NEXT: Final = 6  # number of the input to begin with; the one behind the odd message
-MOST: Final = 7  # samples that may be answered in the call
+PREVIOUS: Final = 3  # stamp of the sample before it, ns
+HAS_PREVIOUS: Final = 4  # whether there was one
+UNPUBLISHED: Final = 5  # messages that could not be published
+NEXT: Final = 6  # index of the input to begin with: the one after MISMATCH
+MOST: Final = 7  # samples that one call may process
 RECORDING: Final = 8  # whether messages are recorded
-NTOLD: Final = 9
+NSTATUS: Final = 9
 _ALL = 1 << 30
-_NO_TRAY = Tray(0, np.zeros((2, 1), np.int64)).arrays
-_AT_ONCE = 4  # samples, while recording
+_NO_CHUNK = ChunkBuffer(0, np.zeros((2, 1), np.int64)).arrays
+_MOST_RECORDED = 4  # samples per call while recording
 
 
 @device_function
@@ -66,242 +60,270 @@ def _time_of_day(addresses: Any, clock: Any) -> int:
 
 
 @device_function
-def _is_heard(k: int, addresses: Any, clock: Any, publishers: Any) -> bool:
-    """Whether message ``k`` of an answer is published: a wrench always, the rest where heard."""
+def _is_wanted(k: int, addresses: Any, clock: Any, publishers: Any) -> bool:
+    """Whether output ``k`` is published: a wrench always, the others if there are subscribers."""
     if k < _WRENCHES:
         return True
     clock[0] = 0
-    call(addresses[rcl.LISTENERS], publishers[k], addresses[rcl.NUMBERS], 0, 0)
+    call(addresses[rcl.SUBSCRIBERS], publishers[k], addresses[rcl.NUMBERS], 0, 0)
     return clock[0] != 0
+
+
+@inline_function
+def _accept(
+    stream: int, begin: int, source: int, size: int,
+    addresses: Any, memory_address: int, words: Any, columns: Any, prefixes: Any, partial: Any,
+) -> int:  # fmt: skip
+    """Copy a message at address ``source`` to its row and match it with its template."""
+    received = partial[prefix_decoder.RECEIVED] & prefix_decoder.quantities(stream, columns)
+    if size > MAX_BYTES or received != 0:
+        return prefix_decoder.MISMATCH
+    call(addresses[rcl.COPY], memory_address + begin, source, size, 0)
+    return prefix_decoder.accept(stream, begin, size, words, columns, prefixes, partial)
+
+
+@inline_function
+def _step(
+    addresses: Any, clock: Any, partial: Any, columns: Any, numbers: Any, loads: Any, axes: Any,
+    sample: Any, method: int, par: Any, mem: Any, period: float, out: Any,
+) -> float:  # fmt: skip
+    """Write ``sample``, compute ``out`` and return the seconds since the last sample."""
+    began = _now(addresses, clock)
+    prefix_decoder.write_sample(numbers, columns, partial, loads, axes, sample)
+    stamp, last = partial[prefix_decoder.STAMP], partial[prefix_decoder.LAST]
+    h = (stamp - last) * 1e-9 if partial[prefix_decoder.HAS_LAST] else 0.0
+    batch.process(method, par, mem, sample, h, period, out)
+    out[layout.COMPUTING_TIME] = _now(addresses, clock) - began
+    return h
+
+
+@inline_function
+def _publish(
+    status: Any, recording: bool, first_channel: int, addresses: Any, clock: Any,
+    offsets: Any, template_bytes: Any,
+    publishers: Any, outbox: Any,
+    records: Any, entries: Any, used: Any, counts: Any, channels: Any,
+) -> None:  # fmt: skip
+    """Publish the outputs of a sample and record them."""
+    now = _time_of_day(addresses, clock) if recording else 0
+    for k in range(COUNT):
+        wanted = _is_wanted(k, addresses, clock, publishers)
+        if wanted and call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0) != 0:
+            status[UNPUBLISHED] += 1
+        if recording:
+            begin, size = offsets[BEGIN + k], offsets[SIZE + k]
+            data, to = template_bytes[begin : begin + size], channels[first_channel + k]
+            append(records, entries, used, counts, to, now, now, data, size)
 
 
 @kernel
 def _serve(
-    told: Any, addresses: Any, info: Any, clock: Any,
+    status: Any, addresses: Any, info: Any, clock: Any,
     subscriptions: Any, streams: Any, expected: Any, boxes: Any, inbox: Any,
-    held: Any, like: Any, model: Any, row_address: int, row: Any, words: Any, numbers: Any,
+    partial: Any, columns: Any, prefixes: Any, memory_address: int, memory: Any, words: Any,
+    numbers: Any,
     loads: Any, axes: Any, sample: Any,
-    method: int, par: Any, mem: Any, period: float, out: Any, tally: Any,
-    places: Any, letters: Any, letter_words: Any, small: Any, publishers: Any, outbox: Any,
+    method: int, par: Any, mem: Any, period: float, out: Any, counters: Any,
+    offsets: Any, template_numbers: Any, template_words: Any, template_bytes: Any,
+    publishers: Any, outbox: Any,
     records: Any, entries: Any, used: Any, counts: Any, channels: Any,
 ) -> int:  # fmt: skip
-    """Serve what has come; the samples that were answered.
+    """Process queued messages; return the number of samples computed.
 
     Args:
-        told: (NTOLD,). addresses, info, clock: of ``rcl.Memory``, the last being its numbers.
-        subscriptions: (n,) addresses. streams: (n,) of each. expected: (n,) numbers of the next
-            messages. boxes, inbox: memory and addresses of an ``rcl.Inbox`` of n.
-        held, like, model, row, words, numbers: of a ``Lane``; row_address: where ``row`` is.
-        loads, axes, sample: of its matcher.
-        method, par, mem, period: of a ``Connector``. out, tally: of an ``Answering``.
-        places, letters, letter_words, small: of ``Letters``. publishers, outbox: (COUNT,)
-            addresses.
-        records, entries, used, counts: of a ``Tray``. channels: (n + COUNT,) of the inputs and of
-            the messages of an answer.
+        status: (NSTATUS,). addresses, info, clock: of ``rcl.CallTable``, the last its ``numbers``.
+        subscriptions: (n,) addresses. streams: (n,) of each. expected: (n,) sequence numbers of
+            the next messages. boxes, inbox: memory and addresses of ``rcl.ReceiveBuffers`` for n.
+        partial, columns, prefixes, memory, words, numbers: of a ``PrefixDecoder`` and its table;
+            memory_address: the address of ``memory``. loads, axes, sample: of its matcher.
+        method, par, mem, period: of a ``Connector``. out, counters: of a ``MessagePipeline``.
+        offsets, template_numbers, template_words, template_bytes: of ``MessageTemplates``.
+        publishers, outbox: (COUNT,) addresses.
+        records, entries, used, counts: of a chunk buffer. channels: (n + COUNT,) of the inputs and
+            of the outputs.
     """
-    answered, count, recording = 0, len(subscriptions), told[RECORDING] != 0
-    told[ODD] = told[LAST] = -1
-    while answered < told[MOST]:
-        first, came = told[NEXT], 0
-        told[NEXT] = 0
+    processed, count, recording = 0, len(subscriptions), status[RECORDING] != 0
+    status[MISMATCH] = status[LAST] = -1
+    while processed < status[MOST]:
+        first, messages = status[NEXT], 0
+        status[NEXT] = 0
         for j in range(first, count):
             taking = addresses[rcl.TAKE]
             if call(taking, subscriptions[j], inbox[j], addresses[rcl.INFO], 0) != 0:
-                if answered > 0 and j == 0:
-                    return answered  # nothing more has come of what comes first
+                if processed > 0 and j == 0:
+                    return processed  # the first input has no more messages
                 continue
-            came += 1
+            messages += 1
             stream = streams[j]
             size = boxes[rcl.MESSAGE * j + rcl.LENGTH]
-            fits = (
-                size <= MOST_BYTES
-                and held[prefix_decoder_lane.HELD] & prefix_decoder_lane.bits_of(stream) == 0
-            )
-            begin = stream * ROW + FIRST
-            taken = NOT_ALIKE
-            if info[rcl.SEQUENCE] == expected[j] and fits:
-                of = boxes[rcl.MESSAGE * j + rcl.BYTES]
-                call(addresses[rcl.COPY], row_address + begin, of, size, 0)
-                taken = prefix_decoder_lane.take(stream, size, held, like, model, row, words)
-            if taken == NOT_ALIKE:
-                told[ODD], told[NEXT] = j, j + 1
-                return answered
+            begin = prefix_decoder.row_begin(stream)
+            taken = prefix_decoder.MISMATCH
+            if info[rcl.SEQUENCE] == expected[j]:
+                taken = _accept(
+                    stream, begin, boxes[rcl.MESSAGE * j + rcl.BYTES], size,
+                    addresses, memory_address, words, columns, prefixes, partial,
+                )  # fmt: skip
+            if taken == prefix_decoder.MISMATCH:
+                status[MISMATCH], status[NEXT] = j, j + 1
+                return processed
             expected[j] += 1
             if recording:
                 now = _time_of_day(addresses, clock)
-                data = row[begin : begin + size]
-                put(records, entries, used, counts, channels[j], now, now, data, size)
+                data = memory[begin : begin + size]
+                append(records, entries, used, counts, channels[j], now, now, data, size)
             if taken != COMPLETE:
                 continue
-            began = _now(addresses, clock)
-            prefix_decoder_lane.fill(held, like, numbers, loads, axes, sample)
-            stamp = held[prefix_decoder_lane.STAMP]
-            h = (
-                (stamp - held[prefix_decoder_lane.LAST]) * 1e-9
-                if held[prefix_decoder_lane.BEGUN]
-                else 0.0
-            )
-            batch.answer(method, par, mem, sample, h, period, out)
-            out[layout.COMPUTING_TIME] = _now(addresses, clock) - began
-            write(stamp, out, places, letters, letter_words, small)
-            now = _time_of_day(addresses, clock) if recording else 0
-            for k in range(COUNT):
-                heard = _is_heard(k, addresses, clock, publishers)
-                if heard and call(addresses[rcl.PUBLISH], publishers[k], outbox[k], 0, 0) != 0:
-                    told[UNSENT] += 1
-                if recording:
-                    begin, size = places[BEGIN + k], places[SIZE + k]
-                    data, to = small[begin : begin + size], channels[count + k]
-                    put(records, entries, used, counts, to, now, now, data, size)
-            note(tally, out, h, period)
-            told[BEGUN], told[BEFORE], told[STAMP] = (
-                held[prefix_decoder_lane.BEGUN],
-                held[prefix_decoder_lane.LAST],
-                stamp,
-            )
-            held[prefix_decoder_lane.BEGUN], held[prefix_decoder_lane.LAST] = 1, stamp
-            told[LAST] = j
-            answered += 1
-        if first == 0 and (came == 0 or held[prefix_decoder_lane.HELD]):
-            return answered
-    return answered
+            h = _step(
+                addresses, clock, partial, columns, numbers, loads, axes, sample,
+                method, par, mem, period, out,
+            )  # fmt: skip
+            stamp = partial[prefix_decoder.STAMP]
+            write(stamp, out, offsets, template_numbers, template_words, template_bytes)
+            _publish(
+                status, recording, count, addresses, clock, offsets, template_bytes, publishers,
+                outbox, records, entries, used, counts, channels,
+            )  # fmt: skip
+            count_sample(counters, out, h, period)
+            status[HAS_PREVIOUS] = partial[prefix_decoder.HAS_LAST]
+            status[PREVIOUS], status[STAMP] = partial[prefix_decoder.LAST], stamp
+            partial[prefix_decoder.HAS_LAST], partial[prefix_decoder.LAST] = 1, stamp
+            status[LAST] = j
+            processed += 1
+        if first == 0 and (messages == 0 or partial[prefix_decoder.RECEIVED]):
+            return processed
+    return processed
 
 
 def missing() -> str:
-    """What this machine lacks for the straight way; mostly nothing."""
+    """Return the missing prerequisite, or '' if the fused path is supported."""
     return rcl.missing() if COMPILED else "numba"
 
 
-def prepare(parts: Parts) -> None:
-    """Have everything compiled now, not while a sample waits."""
-    Straight([], [], parts, lambda _: None).take(lambda _: None)
-
-
-class Parts(NamedTuple):
-    """What answers a connector's samples, to be worked on by compiled code."""
-
-    lane: Lane
-    connector: tuple[int, np.ndarray, np.ndarray, float]  # Connector.lend()
-    out: np.ndarray
-    tally: np.ndarray
-    letters: Letters
+def prepare(parts: PipelineParts) -> None:
+    """Compile now, not while a sample waits."""
+    FusedPath([], [], parts, lambda _: None).take(lambda _: None)
 
 
 class Input(NamedTuple):
-    """A subscription of rclpy, the stream it brings, and what takes its odd messages."""
+    """A subscription of rclpy, its stream, and the handler of messages on the reference path."""
 
     subscription: Any
     stream: int
     receive: Callable[[bytes], bool]
-    gaps: Gaps
+    sequence: SequenceNumbers
 
 
-class Straight:
-    """Serve what a connector is told of its bodies' motion.
+class FusedPath:
+    """Process the poses, twists or odometry of one connector in compiled code.
 
     Attributes
     ----------
-        told: (NTOLD,) what the last call told, whole numbers.
-        writer: what records, or None.
+        status: (NSTATUS,) int64, the status block of the last call.
+        writer: the recording's writer, or None.
     """
 
     def __init__(
         self,
         inputs: Sequence[Input],
         publishers: Sequence[Any],
-        parts: Parts,
-        answered: Callable[[int], object],
+        parts: PipelineParts,
+        on_samples: Callable[[int], object],
     ) -> None:
-        """``publishers``: handles of rclpy for the messages of an answer.
+        """``publishers``: handles of rclpy, in the order of the outputs.
 
-        ``answered`` is told how many samples were, when :attr:`told` says which.
+        ``on_samples`` is called with the number of samples computed; :attr:`status` has the stamps.
         """
-        self._answered = answered
+        self._on_samples = on_samples
         self._inputs = list(inputs)
-        self._memory = rcl.Memory()
-        self._inbox = rcl.Inbox(len(inputs))
-        told = np.zeros(NTOLD, np.int64)
-        self._told_array, self.told = told, told.data  # memory that Python reads faster so
+        self._calls = rcl.CallTable()
+        self._received = rcl.ReceiveBuffers(len(inputs))
+        status = np.zeros(NSTATUS, np.int64)
+        self._status, self.status = status, status.data  # Python reads the memoryview faster
         self._expected, self._subscriptions, self._streams = (
             np.array(found, np.int64)
             for found in (
-                [one.gaps.expected for one in inputs],
+                [one.sequence.expected for one in inputs],
                 [one.subscription.handle.pointer for one in inputs],
                 [one.stream for one in inputs],
             )
         )
         self._publishers = np.array([publisher.pointer for publisher in publishers], np.int64)
-        self._messages = _AT_ONCE * (len(inputs) + COUNT)
+        self._messages = _MOST_RECORDED * (len(inputs) + COUNT)
         self.record(None)
         self.use(parts)
 
-    def use(self, parts: Parts) -> None:
-        """Answer with these from now on."""
-        held, letters = parts.lane, parts.letters
-        self._lane, self._parts = held, parts
-        self._outbox = rcl.Outbox(letters.addresses, letters.sizes.tolist())
-        self._largest = max(MOST_BYTES, *letters.sizes.tolist())
-        matcher, memory, inbox = held.matcher, self._memory, self._inbox
+    def use(self, parts: PipelineParts) -> None:
+        """Work on these arrays from now on."""
+        decoder, templates = parts.decoder, parts.templates
+        self._decoder, self._parts = decoder, parts
+        self._sent = rcl.SendBuffers(templates.addresses, templates.sizes.tolist())
+        self._largest = max(MAX_BYTES, *templates.sizes.tolist())
+        matcher, calls, received = decoder.matcher, self._calls, self._received
         self._arguments = (
-            self._told_array, memory.addresses, memory.info, memory.numbers,
-            self._subscriptions, self._streams, self._expected, inbox.memory, inbox.addresses,
-            held.state, held.like, held.model, held.row.ctypes.data, held.row, held.words,
-            held.numbers, matcher.load_numbers, matcher.load_axes, matcher.sample,
-            *parts.connector, parts.out, parts.tally,
-            letters.places, letters.numbers, letters.words, letters.small,
-            self._publishers, self._outbox.addresses,
+            self._status, calls.addresses, calls.info, calls.numbers,
+            self._subscriptions, self._streams, self._expected, received.memory, received.addresses,
+            decoder.partial, decoder.table.columns, decoder.table.words,
+            decoder.memory.ctypes.data, decoder.memory, decoder.words, decoder.numbers,
+            matcher.load_numbers, matcher.load_axes, matcher.sample,
+            *parts.connector, parts.out, parts.counters,
+            templates.offsets, templates.numbers, templates.words, templates.memory,
+            self._publishers, self._sent.addresses,
         )  # fmt: skip
 
-    def take(self, caught: Callable[[Exception], object]) -> int | None:
-        """Serve all that has come; the number of the input that completed the last sample.
+    def take(self, on_error: Callable[[Exception], object]) -> int | None:
+        """Process all queued messages; return the index of the input that completed a sample last.
 
-        ``caught`` gets what serving an odd message raises.
+        ``on_error`` gets exceptions raised by the handlers of the reference path.
         """
-        last, told = None, self.told
+        last, status = None, self.status
         while True:
-            self._lane.follow()
-            answered = self._serve()
-            if answered:
-                self._lane.count_foreign()
-                last = told[LAST]
-                self._answered(answered)
-            k = told[ODD]
+            self._decoder.follow()
+            processed = self._serve()
+            if processed:
+                self._decoder.count_unknown_frames()
+                last = status[LAST]
+                self._on_samples(processed)
+            k = status[MISMATCH]
             if k < 0:
-                if answered < told[MOST]:
+                if processed < status[MOST]:
                     return last
                 continue
             try:
-                if self._take_odd(k):
+                if self._receive_mismatch(k):
                     last = k
             except Exception as error:
-                caught(error)
+                on_error(error)
 
     def record(self, writer: RunWriter | None, channels: Sequence[int] = ()) -> None:
-        """Record from now on with ``writer``, or not.
+        """Record with ``writer`` from now on, or stop recording (None).
 
-        ``channels``: in the file, of the inputs and of the messages of an answer.
+        ``channels``: channel numbers in the file, of the inputs and of the outputs.
         """
         self.writer = writer
         recording = writer is not None
-        self.told[RECORDING], self.told[MOST] = recording, _AT_ONCE if recording else _ALL
+        self.status[RECORDING] = recording
+        self.status[MOST] = _MOST_RECORDED if recording else _ALL
         self._channels = np.array(channels, np.int64)
 
     def _serve(self) -> int:
         writer = self.writer
         if writer is None:
-            return _serve(*self._arguments, *_NO_TRAY, self._channels)
+            return _serve(*self._arguments, *_NO_CHUNK, self._channels)
         with writer.lock:
-            tray = writer.tray(self._messages, self._messages * self._largest)
-            return _serve(*self._arguments, *tray.arrays, self._channels)
+            chunk = writer.reserve(self._messages, self._messages * self._largest)
+            return _serve(*self._arguments, *chunk.arrays, self._channels)
 
-    def _take_odd(self, k: int) -> bool:
-        """Have the odd message served on the ordinary way; whether it completed a sample."""
-        one, number = self._inputs[k], int(self._memory.info[rcl.SEQUENCE])
-        one.gaps.expected = int(self._expected[k])
-        one.gaps.look(number if number >= 0 else None)  # -1: the middleware has no numbers
-        self._expected[k] = one.gaps.expected
-        return one.receive(self._inbox.message(k))
+    def _receive_mismatch(self, k: int) -> bool:
+        """Process the first message that does not match its template on the reference path.
+
+        Returns True if it completed a sample.
+        """
+        one, number = self._inputs[k], int(self._calls.info[rcl.SEQUENCE])
+        one.sequence.expected = int(self._expected[k])
+        one.sequence.check(number if number >= 0 else None)  # -1: the middleware has no numbers
+        self._expected[k] = one.sequence.expected
+        return one.receive(self._received.message(k))
 
     def close(self) -> None:
-        """Give memory back; not to be used any more."""
-        self._inbox.close()
+        """Free the receive buffers; the object must not be used afterwards."""
+        self._received.close()

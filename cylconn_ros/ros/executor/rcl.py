@@ -1,8 +1,8 @@
-"""What compiled code needs of rcl: the addresses of its functions, and messages in memory.
+"""Access to rcl from compiled code: addresses of its functions, and serialized messages in memory.
 
-rcl's functions and the first members of its structures are those of Jazzy, and of Humble before it;
-rclpy gives the addresses of its publishers and subscriptions (``handle.pointer``). A message is an
-``rcl_serialized_message_t``: bytes, length, capacity, allocator.
+The signatures and the first members of the structures are those of Jazzy, and of Humble before it.
+rclpy provides the addresses of its publishers and subscriptions (``handle.pointer``). A message is
+an ``rcl_serialized_message_t``: buffer, length, capacity, allocator.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from typing import Any, Final
 
 import numpy as np
 
-# Addresses, by number.
+# Indices of the addresses.
 TAKE: Final = 0  # rcl_take_serialized_message(subscription, message, info, NULL)
 PUBLISH: Final = 1  # rcl_publish_serialized_message(publisher, message, NULL)
-LISTENERS: Final = 2  # rcl_publisher_get_subscription_count(publisher, count)
+SUBSCRIBERS: Final = 2  # rcl_publisher_get_subscription_count(publisher, count)
 COPY: Final = 3  # memcpy(to, from, size)
 CLOCK: Final = 4  # clock_gettime(clock, time)
-INFO: Final = 5  # an rmw_message_info_t to be filled in, for _NUMBER
-NUMBERS: Final = 6  # room for a count or a time
+INFO: Final = 5  # an rmw_message_info_t, written by TAKE
+NUMBERS: Final = 6  # memory for a count or a time
 NADDRESS: Final = 7
 
 MESSAGE: Final = 8  # words of a serialized message
-BYTES: Final = 0  # the address of its bytes
+BYTES: Final = 0  # address of its buffer
 LENGTH: Final = 1
 _CAPACITY: Final = 2
 _ALLOCATOR: Final = 3
 
-SEQUENCE: Final = 2  # words into INFO: the publisher's number of the message
-_INFO_WORDS = 32  # more than it has
+SEQUENCE: Final = 2  # word of INFO: the publisher's sequence number of the message
+_INFO_WORDS = 32  # more than the structure has
 
 
 class _Allocator(ctypes.Structure):
@@ -45,7 +45,7 @@ def _libraries() -> tuple[Any, Any]:
 
 
 def missing() -> str:
-    """What this machine lacks for rcl to be called from compiled code; mostly nothing."""
+    """Return the missing prerequisite, or '' if compiled code can call rcl."""
     if struct.calcsize("P") != 8:
         return "addresses of 64 bits"
     try:
@@ -66,12 +66,12 @@ def _address(function: Any) -> int:
     return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
 
 
-class Memory:
-    """Addresses for compiled code, and what they point to.
+class CallTable:
+    """Addresses of functions and memory that compiled code needs.
 
     Attributes
     ----------
-        addresses: (NADDRESS,). info, numbers: what stands at INFO and NUMBERS.
+        addresses: (NADDRESS,). info, numbers: the memory at INFO and NUMBERS.
     """
 
     def __init__(self) -> None:
@@ -92,8 +92,8 @@ class Memory:
         )
 
 
-class Messages:
-    """Serialized messages, one beside the other.
+class SerializedMessages:
+    """An array of ``rcl_serialized_message_t``.
 
     Attributes
     ----------
@@ -111,23 +111,23 @@ class Messages:
             self.memory[at : at + 5] = [member or 0 for member in members]
 
 
-class Inbox(Messages):
-    """Messages that rcl fills in; it makes room as they need it."""
+class ReceiveBuffers(SerializedMessages):
+    """Messages that rcl writes; it allocates their buffers as needed."""
 
     def message(self, k: int) -> bytes:
-        """A copy of what message ``k`` holds."""
+        """Return a copy of message ``k``."""
         at = MESSAGE * k
         return ctypes.string_at(int(self.memory[at + BYTES]), int(self.memory[at + LENGTH]))
 
     def close(self) -> None:
-        """Give the room back."""
+        """Free the buffers."""
         _, rcutils = _libraries()
         for address in self.addresses.tolist():
             rcutils.rcutils_uint8_array_fini(ctypes.c_void_p(address))
 
 
-class Outbox(Messages):
-    """Messages that lie in somebody's memory."""
+class SendBuffers(SerializedMessages):
+    """Messages in memory that the caller owns."""
 
     def __init__(self, addresses: Sequence[int], sizes: Sequence[int]) -> None:
         super().__init__(len(sizes))
@@ -136,8 +136,8 @@ class Outbox(Messages):
         self.memory[at + LENGTH] = self.memory[at + _CAPACITY] = sizes
 
 
-def taken_error() -> str:
-    """What rcl says of the last failure on this thread, which it then forgets."""
+def take_error() -> str:
+    """Return rcl's text of the last error on this thread, and reset it."""
     _, rcutils = _libraries()
 
     class Text(ctypes.Structure):

@@ -1,47 +1,47 @@
-"""Messages that were sent and never taken: seen by the gaps in their publisher's numbers.
+"""Count lost messages of a topic by the gaps in the publisher's sequence numbers.
 
-A full queue forgets its oldest messages without a word, and what a middleware tells of messages
-that it has lost itself is not to be relied on (ros/qos.py).
+A full queue drops its oldest messages without notice, and the middleware's own message_lost event
+cannot be used (ros/qos.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-_MOST = 8  # publishers of one topic that are told apart
+_MOST = 8  # publishers of one topic that are distinguished
 
 
-class Gaps:
-    """Watch the numbers of one topic's messages.
+class SequenceNumbers:
+    """Follow the sequence numbers of one topic's messages.
 
     Attributes
     ----------
-        expected: the number that the next message has where nothing is missing; where it has
-            another one, :meth:`apart` is to be called.
+        expected: number of the next message if none is lost. If the next message has another
+            number, :meth:`out_of_sequence` is to be called.
     """
 
-    def __init__(self, report: Callable[[int], object]) -> None:
-        """``report`` is told how many are missing."""
-        self._report = report
-        self._others: list[int] = []  # what other publishers of the topic send next
-        self.expected = -1  # nothing has come
+    def __init__(self, lost: Callable[[int], object]) -> None:
+        """``lost`` is called with the number of missing messages."""
+        self._lost = lost
+        self._others: list[int] = []  # next numbers of other publishers of the topic
+        self.expected = -1  # no message yet
 
-    def look(self, number: int | None) -> None:
-        """Take the next number."""
+    def check(self, number: int | None) -> None:
+        """Process the number of the next message."""
         if number == self.expected:
             self.expected += 1
         else:
-            self.apart(number)
+            self.out_of_sequence(number)
 
-    def apart(self, number: int | None) -> None:
-        """Take a number that was not expected; None from a middleware without numbers."""
+    def out_of_sequence(self, number: int | None) -> None:
+        """Process a number that was not expected; None if the middleware has no numbers."""
         if number is None:
             return
         if self.expected >= 0 and number in self._others:  # publishers take turns
             self._others.remove(number)
             self._others.append(self.expected)
         elif 0 <= self.expected < number and not self._others:
-            self._report(number - self.expected)
-        elif self.expected >= 0:  # one more publisher, or the same started anew
+            self._lost(number - self.expected)
+        elif self.expected >= 0:  # one more publisher, or the same one restarted
             self._others = [*self._others, self.expected][-_MOST:]
         self.expected = number + 1

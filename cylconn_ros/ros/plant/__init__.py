@@ -1,1 +1,1 @@
-"""The plant node: two rigid bodies that stand in for a simulator."""
+"""Plant node: two rigid bodies in place of a simulator."""

@@ -1,4 +1,4 @@
-"""Two rigid bodies as a node: the stand-in for a simulator; see ``plant --help``."""
+"""Node with two rigid bodies in place of a simulator; see ``plant --help``."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from rclpy.task import Future
 
 from cylconn_ros.core import plant as physics
 from cylconn_ros.errors import SceneError
-from cylconn_ros.messages.pipeline import BODIES, WRENCH
 from cylconn_ros.ros import qos, run_node
 from cylconn_ros.ros.arguments import Arguments
 from cylconn_ros.ros.connector.parameters import declare, ros_part
 from cylconn_ros.ros.message_types import message_class
 from cylconn_ros.ros.plant.exchange import Exchange, PlantCounts
 from cylconn_ros.scene import multiple
+from cylconn_ros.scene.inputs import BODIES, WRENCH
 from cylconn_ros.scene.parameter_file import scene_part
 from cylconn_ros.scene.scene import several
 from cylconn_ros.scene.schema import show
@@ -32,28 +32,29 @@ from cylconn_ros.simulation.plant import Plant
 USAGE = """\
 usage: plant [--version] --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
-Two rigid bodies standing in for a simulator: publishes their poses and twists, and moves them as
-the wrenches and constant loads (plant.body_a.load, plant.body_b.load, sent on body_a/load,
-body_b/load) say. Takes the same parameter file as connector; its own parameters begin with plant.
-Of several connectors it serves the one whose name ends its namespace (-r __ns:=/NAME).
+Two rigid bodies in place of a simulator: publishes their poses and twists, and integrates their
+motion under the wrenches received and constant loads (plant.body_a.load, plant.body_b.load, sent on
+body_a/load, body_b/load). Takes the same parameter file as connector; its own parameters begin with
+plant. With several connectors, the last part of the namespace names the one to use
+(-r __ns:=/NAME).
 Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
-Free running: plant.rate samples a second, each step with the newest wrenches.
-Exit codes: 0 plant.duration reached or stopped, 1 no connector, no answer or a motion that is not
-finite, 2 arguments or parameters that cannot be used, 130 interrupted while compiling."""
+Free running: plant.rate samples per second, each step with the newest wrenches.
+Exit codes: 0 plant.duration reached or stopped, 1 no connector, no wrench or a motion that is not
+finite, 2 invalid arguments or parameters, 130 interrupted while compiling."""
 
-DISCOVERY = 240.0  # s of wall clock for a connector to appear; the first one ever compiles
-_SETTLING = 0.25  # s between seeing the connector and the first sample: it must see us, too
-_RESEND = 0.25  # s without an answer after which a sample is sent again
-_TAKING = Duration(nanoseconds=1_000_000_000)  # of wall clock for a load to be taken
-_LOOK = 0.05  # s between looks at the clock, and between lines of progress
-_PATIENCE = 1.0  # s without a connector before the first line about it
-_REMIND = 5.0  # s between such lines
+DISCOVERY = 240.0  # s of wall clock for a connector to appear; its first start compiles
+_DISCOVERED = 0.25  # s from discovery to the first sample: the connector must discover us, too
+_RETRANSMIT = 0.25  # s without a wrench after which a sample is retransmitted
+_ACKNOWLEDGE = Duration(nanoseconds=1_000_000_000)  # of wall clock for a load
+_CHECK = 0.05  # s between checks of the timeouts, and between progress lines
+_PATIENCE = 1.0  # s without a connector before the first message about it
+_REMIND = 5.0  # s between such messages
 
 
 class PlantNode(Node):
-    """Move two bodies in step with a connector, or freely.
+    """Simulate two bodies in lock step with a connector, or free running.
 
-    Raises SceneError at construction for parameters that cannot be used.
+    Raises SceneError at construction if the parameters are invalid.
     """
 
     def __init__(
@@ -61,19 +62,20 @@ class PlantNode(Node):
     ) -> None:
         """Take dotted parameters; ``node_arguments`` go to the ROS node (namespace, context …).
 
-        Where they are of several connectors, the plant is that of the one whose name ends its
-        namespace.
+        With several connectors, the last part of ``namespace`` names the plant's connector.
         """
         scenes = several(scene_part(parameters))
         name = multiple.ONE if multiple.ONE in scenes else namespace.rpartition("/")[2]
         if name not in scenes:
             raise SceneError(
-                f"connectors = {show(list(scenes))}: a plant serves one of them, whose name must "
-                f"end its namespace; {namespace} ends otherwise (-r __ns:=/{next(iter(scenes))})"
+                f"connectors = {show(list(scenes))}: the plant's namespace must end with one of "
+                f"these names; it is {namespace} (use -r __ns:=/{next(iter(scenes))})"
             )
         self.scene = scenes[name]
         run_node.announce_compiling(physics.step, lambda text: print(f"plant: {text}", flush=True))
-        Plant(self.scene).step(np.zeros(6), np.zeros(6))  # compiled before anybody waits
+        Plant(self.scene).step(
+            np.zeros(6), np.zeros(6)
+        )  # compiles now, not while a connector waits
         self.plant = Plant(self.scene)
         super().__init__("plant", parameter_overrides=ros_part(parameters), **node_arguments)
         declare(self, {multiple.ONE: self.scene})
@@ -100,39 +102,39 @@ class PlantNode(Node):
                 qos_overriding_options=qos.overriding(),
             )
         self._running = False
-        self._seen = math.inf  # when the connector was first seen on all topics
-        self._begin = self._sent = self._sent_again = time.monotonic()
+        self._seen = math.inf  # when the connector was discovered on all topics
+        self._begin = self._sent = self._transmitted = time.monotonic()
         self._remind = self._begin + _PATIENCE
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK, self._look, clock=self._steady)
+        self.create_timer(_CHECK, self._check, clock=self._steady)
 
     # --- samples ---------------------------------------------------------------------------------
 
     def _receive(self, body: int, data: bytes) -> None:
-        self._exchange.take(body, data, self.plant.time_ns)
+        self._exchange.receive(body, data, self.plant.time_ns)
         if self._settings.lock_step and self._running and self._exchange.complete:
             self._advance()
 
     def _advance(self) -> None:
-        """Take one step with the wrenches at hand and send the next sample."""
+        """Take one step with the current wrenches and send the next sample."""
         self.plant.step(*self._exchange.wrenches)
         self._steps += 1
         if not math.isfinite(float(self.plant.state.sum())):
-            self._fall_over()
+            self._diverged()
         elif self._steps == self._total:
             self._end(run_node.OK)
         else:
-            self._exchange.expect()
-            self._sent = self._sent_again = time.monotonic()
+            self._exchange.begin_sample()
+            self._sent = self._transmitted = time.monotonic()
             self._send()
 
     def _send(self, first: bool = False) -> None:
-        """Send the sample, and the loads where the connector may not know them."""
+        """Send the sample, and the loads if the connector may not have them."""
         if first or not self._settings.lock_step:
             for name, data in self._exchange.loads(self.plant.time_ns):
                 self._out[name].publish(data)
-                if first:  # the sample shall not overtake them
-                    self._out[name].wait_for_all_acked(_TAKING)
+                if first:  # the sample must not arrive before them
+                    self._out[name].wait_for_all_acked(_ACKNOWLEDGE)
         for name, data in self._exchange.messages(self.plant.time_ns, self.plant.state):
             self._out[name].publish(data)
 
@@ -141,13 +143,13 @@ class PlantNode(Node):
         rate = self._settings.rate or 1.0 / self.scene.period
         due = int((time.monotonic() - self._begin) * rate)
         while self._running and self._steps < due:
-            self.counts.unanswered += not self._exchange.complete
+            self.counts.without_wrench += not self._exchange.complete
             self._advance()
 
     # --- time ------------------------------------------------------------------------------------
 
-    def _look(self) -> None:
-        """Begin once a connector is there; then see that answers come."""
+    def _check(self) -> None:
+        """Start when a connector is there; then check that its wrenches arrive."""
         if self.done.done():
             return
         now = time.monotonic()
@@ -156,14 +158,14 @@ class PlantNode(Node):
         elif self._settings.lock_step:
             if now - self._sent > self._settings.timeout:
                 self._give_up(
-                    f"no answer to the sample at {self.plant.time_ns * 1e-9:.9g} s on "
-                    f"{self._names(self._exchange.silent)} within {self._settings.timeout:g} s "
+                    f"no wrench for the sample at {self.plant.time_ns * 1e-9:.9g} s on "
+                    f"{self._names(self._exchange.missing)} within {self._settings.timeout:g} s "
                     "(plant.timeout)"
                 )
-            elif now - self._sent_again > _RESEND:
-                self._sent_again = now
-                self.counts.sent_again += 1
-                self._send(first=True)  # of a connector, perhaps, that was started anew
+            elif now - self._transmitted > _RETRANSMIT:
+                self._transmitted = now
+                self.counts.retransmitted += 1
+                self._send(first=True)  # the connector may have been restarted
         self._say_progress()
 
     def _wait(self, now: float) -> None:
@@ -176,9 +178,9 @@ class PlantNode(Node):
             self._seen = math.inf
         elif self._seen == math.inf:
             self._seen = now
-        elif now - self._seen > _SETTLING:
+        elif now - self._seen > _DISCOVERED:
             self._running = True
-            self._begin = self._sent = self._sent_again = now
+            self._begin = self._sent = self._transmitted = now
             self._send(first=True)
             if not self._settings.lock_step:
                 rate = self._settings.rate or 1.0 / self.scene.period
@@ -189,12 +191,12 @@ class PlantNode(Node):
             self._remind = now + _REMIND
             self._say(f"waiting for a connector on {self._names(missing)}")
 
-    def _fall_over(self) -> None:
-        """End: what is not a number any more cannot be sent as a state."""
+    def _diverged(self) -> None:
+        """End: a state that is not finite cannot be sent."""
         a, b = (", ".join(f"{x:.3g}" for x in wrench) for wrench in self._exchange.wrenches)
         self._say(
             f"the motion is not finite at {self.plant.time_ns * 1e-9:.9g} s, after the wrenches "
-            f"[{a}] on A and [{b}] on B: the loop is unstable, or a parameter is far from real"
+            f"[{a}] on A and [{b}] on B: the loop is unstable, or a parameter is not realistic"
         )
         self._end(run_node.FAILED)
 
@@ -207,20 +209,24 @@ class PlantNode(Node):
         if not self.done.done():
             self.done.set_result(code)
 
-    def caught(self, _error: Exception) -> bool:
-        """End on the first error: a plant that goes wrong is of no use."""
+    def handle_error(self, _error: Exception) -> bool:
+        """Return False: the plant ends at the first error."""
         return False
 
     def finish(self) -> None:
-        """Sum up."""
+        """Print a summary."""
         self._say_progress()
         wall = time.monotonic() - self._begin if self._steps else 0.0
         counts = self.counts
-        lost = "" if self._settings.lock_step else f", {counts.unanswered} steps unanswered"
+        lost = (
+            ""
+            if self._settings.lock_step
+            else f", {counts.without_wrench} steps without a new wrench"
+        )
         print(
             f"{self.get_name()}: {self._steps} steps, {self.plant.time_ns * 1e-9:.9g} s simulated "
-            f"in {wall:.3f} s ({1e6 * wall / max(1, self._steps):.0f} us a step){lost}; samples "
-            f"sent again {counts.sent_again}; wrenches repeated {counts.repeated}, "
+            f"in {wall:.3f} s ({1e6 * wall / max(1, self._steps):.0f} us per step){lost}; samples "
+            f"retransmitted {counts.retransmitted}; wrenches repeated {counts.repeated}, "
             f"ignored {counts.ignored}, undecodable {counts.undecodable}",
             flush=True,
         )

@@ -12,7 +12,7 @@ from cylconn_ros.core import plant
 from cylconn_ros.methods.minimal import coordinates as place
 from cylconn_ros.methods.minimal import dense_output as report
 from cylconn_ros.methods.minimal.derivatives import INTEGRALS
-from cylconn_ros.methods.minimal.events import LOG
+from cylconn_ros.methods.minimal.events import LOG_WIDTH
 from cylconn_ros.reference import constant_normal_force, free_pair, slide_and_spin
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
@@ -182,11 +182,13 @@ def test_on_a_fixed_shaft_the_lean_equations_are_the_general_ones(friction: dict
     found = []
     for lean in (1.0, 0.0):
         par, joint, y = initial(scene)
-        assert joint[place.SHAFT] == 1.0
-        joint[place.SHAFT] = lean
+        assert joint[place.FIXED_SHAFT] == 1.0
+        joint[place.FIXED_SHAFT] = lean
         rows = np.zeros((3, report.WIDTH))
         times = np.array([0.0, 0.15, 0.3])
-        ran = report.trajectory(par, joint, y, times, 1e-12, 0.01, rows, np.zeros((9, LOG)), 100000)
+        ran = report.trajectory(
+            par, joint, y, times, 1e-12, 0.01, rows, np.zeros((9, LOG_WIDTH)), 100000
+        )
         assert ran.complete
         found.append(rows)
     lean_one, general = (rows[:, : report.INTEGRALS] for rows in found)

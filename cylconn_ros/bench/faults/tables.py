@@ -1,0 +1,81 @@
+"""Markdown tables of the fault injection benchmark: real processes, and library scenes."""
+
+from __future__ import annotations
+
+import math
+
+from cylconn_ros.bench.common.report import VERDICT, number, table
+from cylconn_ros.bench.common.results import Findings
+from cylconn_ros.bench.faults import measure, sweep
+
+
+def body(found: Findings) -> str:
+    """Both tables."""
+    return "\n\n".join(
+        [
+            f"**{measure.PROCESSES.capitalize()}**",
+            processes(found),
+            f"**{measure.LIBRARY_RUNS.capitalize()}, in process**",
+            library(found),
+        ]
+    )
+
+
+def processes(found: Findings) -> str:
+    """One row per fault: expected, observed, met or not."""
+    rows = []
+    for m in found.measurements:
+        if m.case == measure.PROCESSES and m.quantity == measure.MET:
+            failures = str(m.settings["failures"])
+            verdict = VERDICT[m.value == 1.0] + (f": {failures}" if failures else "")
+            rows.append((m.subject, str(m.settings["expected"]), m.note, verdict))
+    return table(("fault", "expected", "observed", ""), rows)
+
+
+def library(found: Findings) -> str:
+    """One row per fault: bounded runs and worst values with ``latency`` set, measured, not set."""
+    values: dict[str, dict[tuple[str, str], tuple[float, str]]] = {}
+    for m in found.measurements:
+        if m.case == measure.LIBRARY_RUNS:
+            latency = str(m.settings["latency"])
+            values.setdefault(m.subject, {})[latency, m.quantity] = (m.value, m.unit)
+    head = ["fault"]
+    for latency in (sweep.SET, sweep.MEASURED):
+        head += [f"latency {latency}: bounded", "offset", "angle", "energy", "passive"]
+    head += [f"latency {sweep.NOT_SET}: bounded", "offset", "angle", "energy"]
+    rows = [[fault, *_cells(cells)] for fault, cells in values.items()]
+    return table(head, rows)
+
+
+def _cells(cells: dict[tuple[str, str], tuple[float, str]]) -> list[str]:
+    row = []
+    for latency in (sweep.SET, sweep.MEASURED, sweep.NOT_SET):
+        names = ["bounded", "offset", "angle", "energy", "passive"]
+        if latency == sweep.NOT_SET:
+            names.remove("passive")
+        if (latency, "runs") not in cells:
+            row += [""] * len(names)
+            continue
+        runs = cells[latency, "runs"][0]
+        for name in names:
+            value, unit = cells[latency, name]
+            if name in ("bounded", "passive"):
+                row.append(f"{value:.0f} of {runs:.0f}")
+            elif name == "energy":
+                row.append(_percent(value))
+            else:
+                row.append(_milli(value, unit))
+    return row
+
+
+def _percent(value: float) -> str:
+    """Excess of energy relative to the energy scale, in percent."""
+    return f"+{100.0 * max(value, 0.0):.2g} %" if _bounded(value) else "∞"
+
+
+def _milli(value: float, unit: str) -> str:
+    return number(1e3 * value, f"m{unit}") if _bounded(value) else "∞"
+
+
+def _bounded(value: float) -> bool:
+    return math.isfinite(value) and abs(value) < 1e6

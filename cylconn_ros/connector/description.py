@@ -1,0 +1,82 @@
+"""The model description: one line that says what a connector models; logged and recorded."""
+
+import math
+
+from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.scene import Friction, Scene
+from cylconn_ros.scene.schema import show
+
+
+def describe_model(scene: Scene, method: str) -> tuple[str, str]:
+    """What is modelled, and what is not: two lines for logs, recordings and the terminal.
+
+    ``method`` is the method in use; the scene's may be ``auto``.
+    """
+    automatic = " (auto)" if scene.method == "auto" else ""
+    modelled = [f"method {method}{automatic}: {TRAITS[method].summary}"]
+    absent = []
+    if scene.latency != 0:
+        modelled.append(_latency(scene))
+    for name, body in (("A", scene.body_a), ("B", scene.body_b)):
+        modelled.append(f"body {name} {body.kind}")
+        if body.kind in ("fixed", "driven"):
+            absent.append(f"inertia of {name} ({body.kind})")
+    if scene.friction.on:
+        modelled.append(_friction(scene.friction))
+        if scene.friction.overlap == 0.0:
+            absent.append("bending in the normal force (overlap 0)")
+    else:
+        absent.append("friction (coefficient 0): the reactions follow from a linear solve")
+    for text, present in _on_free_components(scene):
+        (modelled if present else absent).append(text)
+    if not any(scene.gravity):
+        absent.append("gravity")
+    return "; ".join(modelled), ", ".join(absent)
+
+
+def _latency(scene: Scene) -> str:
+    if "unknown" in (scene.body_a.kind, scene.body_b.kind):
+        lag = 1 + 2 * scene.latency
+        return (
+            f"latency {scene.latency} samples, inertia unknown: "
+            f"stiffness reduced to 1/{lag**2}, damping to 1/{lag}"
+        )
+    latency = "estimated" if scene.latency < 0 else f"{scene.latency} samples"
+    return f"latency {latency}: computes for the predicted state at which the wrench acts"
+
+
+def _friction(friction: Friction) -> str:
+    if friction.table is not None:
+        mu = "from a table"
+    elif friction.static_coefficient > friction.coefficient:
+        static, decay = show(friction.static_coefficient), show(friction.decay)
+        mu = f"{show(friction.coefficient)}, static {static}, decay {decay} s/m"
+    else:
+        mu = show(friction.coefficient)
+    text = f"friction {mu}, radius {show(friction.radius)} m"
+    if friction.overlap > 0.0:
+        text += f", overlap {show(friction.overlap)} m"
+    if friction.preload != 0.0:
+        text += f", preload {show(friction.preload)} N"
+    if math.isfinite(friction.max_force):
+        text += f", at most {show(friction.max_force)} N"
+    return text
+
+
+def _on_free_components(scene: Scene) -> list[tuple[str, bool]]:
+    """What can act on slide and rotation besides friction, and whether the scene has it."""
+    spring, damper, stops, lock = scene.elasticity, scene.damping, scene.stops, scene.lock
+    bounds = (stops.l_min, stops.l_max, stops.theta_min, stops.theta_max)
+    imposed = [
+        value
+        for motion in (scene.command.slide, scene.command.spin)
+        for value in (motion.position, motion.velocity, motion.force)
+    ]
+    return [
+        ("springs", spring.k1 > 0.0 or spring.kr1 > 0.0),
+        ("dampers", damper.c1 > 0.0 or damper.cr1 > 0.0),
+        ("stops", not all(map(math.isnan, bounds))),
+        (f"lock of {lock.component}" if lock.component != "none" else "lock",
+         lock.component != "none"),
+        ("imposed motion or force", not all(map(math.isnan, imposed))),
+    ]  # fmt: skip

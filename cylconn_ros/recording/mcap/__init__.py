@@ -1,0 +1,1 @@
+"""MCAP files: chunk buffer with compiled append, writer, reader, message blocks."""

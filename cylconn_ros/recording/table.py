@@ -1,0 +1,54 @@
+"""Table of the messages of one topic: a NumPy column per field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cylconn_ros.errors import RecordingError
+
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+"""Fields of a header stamp."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Messages of one topic, in recording order.
+
+    ``table["pose.position.x"]`` is the column of a field, shape (n,) or (n, k); ``len(table)`` is
+    n. Messages that do not match their type are omitted and counted in ``undecodable``.
+    """
+
+    topic: str
+    type: str
+    log_time: npt.NDArray[np.int64]  # (n,) ns since the epoch, time of recording
+    publish_time: npt.NDArray[np.int64]  # (n,) ns since the epoch, time of publication
+    columns: Mapping[str, npt.NDArray[Any]]
+    undecodable: int
+
+    def __len__(self) -> int:
+        return len(self.log_time)
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        """Return the column of a field; raise RecordingError that lists the fields if unknown."""
+        try:
+            return self.columns[name]
+        except KeyError:
+            known = ", ".join(self.columns) or "none"
+            raise RecordingError(f"{self.topic} has no field {name!r}; it has {known}") from None
+
+    @property
+    def stamp(self) -> npt.NDArray[np.int64]:
+        """Header stamps, ns, shape (n,)."""
+        seconds = self["header.stamp.sec"].astype(np.int64)
+        return seconds * 1_000_000_000 + self["header.stamp.nanosec"]
+
+    @property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Seconds since the first header stamp, shape (n,)."""
+        stamp = self.stamp
+        return np.asarray((stamp - stamp[:1]) * 1e-9, dtype=np.float64)

@@ -1,0 +1,78 @@
+"""Parameter groups of the outputs: wrenches, their limits, and recording.
+
+SI units, radians, quaternions x, y, z, w. Rules between parameters: validation.py.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from cylconn_ros.scene.schema import parameter
+
+INF = math.inf
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Wrench:
+    """How the published wrenches are expressed, and how they are meant to be held.
+
+    Example::
+
+        scene = scene.replace({"wrench": {"axes": "world", "point": "com"}})
+    """
+
+    axes: str = parameter(
+        "body", choices=("body", "world"), shared="coupled", doc="Axes of the published wrenches."
+    )
+    point: str = parameter(
+        "origin",
+        choices=("origin", "com"),
+        shared="coupled",
+        doc="Point of the published torques: the body frame's origin or the mass centre.",
+    )
+    hold: str = parameter(
+        "world",
+        choices=("world", "body"),
+        shared="coupled",
+        doc="How a wrench is held until the next: fixed in world axes, or turning with the body.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Output limits. One factor scales the wrenches of both bodies to keep them.
+
+    Example::
+
+        limits = cr.Limits(force=1000.0, torque=50.0)
+    """
+
+    force: float = parameter(INF, gt=0.0, unit="N", doc="Maximum published force.")
+    torque: float = parameter(INF, gt=0.0, unit="N.m", doc="Maximum published torque.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Record:
+    """Recording of a run.
+
+    Example::
+
+        record = cr.Record(enabled=True, directory="runs")
+    """
+
+    enabled: bool = parameter(
+        False,
+        read_only=True,
+        node=True,
+        doc="Record from activation on (a service starts a recording later).",
+    )
+    directory: str = parameter(
+        "runs",
+        node=True,
+        doc="Directory for runs, one subdirectory each. While the node runs it can be changed to "
+        "a directory below the one given at the start.",
+    )
+    compression: str = parameter(
+        "zstd", choices=("none", "zstd"), node=True, doc="Compression of the MCAP chunks."
+    )
