@@ -1,8 +1,8 @@
-"""pip's front end: run the same CMake as colcon into a staging prefix and pack what it installs.
+"""Front end for pip: run the same CMake as colcon into a staging prefix and pack the result.
 
-Nothing is described twice: CMakeLists.txt says what is installed where, package.xml says name,
-version and licence, and this file turns the staged prefix into a wheel. The Python package, with
-the generated messages in it, becomes the wheel's package; everything else becomes data files.
+CMakeLists.txt defines the installed files, package.xml the name, version and licence. This file
+turns the staged prefix into a wheel: the Python package with the generated messages becomes the
+wheel's package, all other files become data files.
 """
 
 import os
@@ -24,7 +24,7 @@ from distutils.command.install_data import install_data  # setuptools' own copy 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "scripts"))
 
-import toolchain  # noqa: E402  (ours, beside this file: a build backend does not look there)
+import toolchain  # noqa: E402  (scripts/ is not on the path of a build backend)
 
 PACKAGE = ElementTree.parse(HERE / "package.xml").getroot()
 NAME = PACKAGE.findtext("name", "").strip()
@@ -56,7 +56,7 @@ TEST = [
     "colcon-common-extensions",
     "hypothesis>=6.100",
     "mcap-ros2-support>=0.5",
-    # What these find differs between versions, and NumPy's types do: one that every Python has.
+    # Pinned, because findings depend on the version of the tool and of NumPy's types.
     "mypy==2.4.*",
     "numpy==2.2.*",
     "pandas>=2.2",
@@ -68,7 +68,7 @@ TEST = [
 
 
 class CannotBuild(SystemExit):
-    """Ends pip's build with one sentence; any other exception would be shown as a stack trace."""
+    """Ends the build with one sentence; pip shows other exceptions as a stack trace."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(f"{NAME} cannot be built: {reason}")
@@ -77,7 +77,7 @@ class CannotBuild(SystemExit):
 def find_ros() -> list[Path]:
     """Prefixes to build against: pip's build environment, this environment, sourced ones.
 
-    Raises CannotBuild, naming what is missing, where they do not hold what the build needs.
+    Raises CannotBuild with the name of a missing package.
     """
     prefixes = [
         Path(entry).parents[2]
@@ -119,7 +119,7 @@ class StageWithCMake(Command):
             raise CannotBuild(toolchain.explain(missing).replace("\n", " "))
         prefixes = find_ros()
         tree, stage = self.work / "cmake", self.work / "stage"
-        for stale in (tree, stage):  # they name paths of an earlier, vanished build environment
+        for stale in (tree, stage):  # they contain paths of an earlier build environment
             shutil.rmtree(stale, ignore_errors=True)
         configure = [
             f"-DCMAKE_INSTALL_PREFIX={sys.prefix}",
@@ -130,7 +130,7 @@ class StageWithCMake(Command):
             "-DBUILD_TESTING=OFF",
             "-DCYLCONN_RELOCATABLE=ON",
         ]
-        # The environment's own cmake and ninja first, also where it is not activated.
+        # cmake and ninja of the environment first, even if it is not activated.
         path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
         if shutil.which("ninja", path=path):
             configure += ["-G", "Ninja"]
@@ -145,7 +145,7 @@ class StageWithCMake(Command):
             command = [cmake, *map(str, step)]
             environment = {**os.environ, "PATH": path, "DESTDIR": str(stage)}
             if subprocess.run(command, env=environment).returncode:
-                raise CannotBuild("the CMake build failed; what it said is above")
+                raise CannotBuild("the CMake build failed; its output is above")
         for cache in list(self.prefix.rglob("__pycache__")):  # pip compiles at its own time
             shutil.rmtree(cache)
         self.done = True
@@ -155,14 +155,14 @@ class StageWithCMake(Command):
         return next(self.prefix.glob(f"**/{NAME}/msg/__init__.py")).parents[1]
 
     def data(self) -> list[Path]:
-        """Staged files outside the package, without what only describes the building machine."""
+        """Staged files outside the package, without those that describe the building machine."""
         left_out = {self.package().parent, self.prefix.joinpath(*PARENT_PREFIXES)}
         files = (path for path in sorted(self.prefix.rglob("*")) if not path.is_dir())
         return [path for path in files if left_out.isdisjoint(path.parents)]
 
 
 def staged(command: Command) -> StageWithCMake:
-    """Give the finished staging command that `command` is to pack."""
+    """Return the finished staging command whose result `command` packs."""
     return cast("StageWithCMake", command.get_finalized_command("stage_with_cmake"))
 
 
@@ -179,7 +179,7 @@ class BuildPackage(build_py):
         if self.editable_mode:
             super().run()
             return
-        shutil.rmtree(self.build_lib, ignore_errors=True)  # modules deleted since an earlier build
+        shutil.rmtree(self.build_lib, ignore_errors=True)  # contains modules deleted since
         shutil.copytree(staged(self).package(), Path(self.build_lib, NAME))
 
 
@@ -210,7 +210,7 @@ class InstallData(install_data):
 
 
 class RosDistribution(Distribution):
-    """Has compiled messages and data files, which CMake knows of and setuptools does not."""
+    """A distribution with compiled messages and data files, which setuptools does not know."""
 
     def has_ext_modules(self) -> bool:
         return True
@@ -218,7 +218,7 @@ class RosDistribution(Distribution):
     def has_data_files(self) -> bool:
         return True
 
-    has_data = has_data_files  # what editable installs ask
+    has_data = has_data_files  # read by editable installs
 
 
 setup(

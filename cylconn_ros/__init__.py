@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         SceneError,
         UnknownNameError,
     )
+    from cylconn_ros.identification.recording import identify
     from cylconn_ros.recording.run import read_run
     from cylconn_ros.scene.behaviour import (
         Baumgarte,
@@ -47,15 +48,37 @@ _MODULES = {
     "connector.connector": ("Connector",),
     "connector.outputs": ("StepResult",),
     "errors": ("CylconnError", "IdentifyError", "RecordingError", "SceneError", "UnknownNameError"),
+    "identification.recording": ("identify",),
     "recording.run": ("read_run",),
-    "scene.bodies": ("Body", "Node", "Reference", "PlantBody", "PlantSettings",),
-    "scene.behaviour": ("FrictionTable", "Friction", "Stops", "Lock", "Elasticity", "Damping", "Penalty", "Baumgarte", "Imposed", "Command",),
-    "scene.outputs": ("Wrench", "Limits", "Record",),
+    "scene.bodies": (
+        "Body",
+        "Node",
+        "Reference",
+        "PlantBody",
+        "PlantSettings",
+    ),
+    "scene.behaviour": (
+        "FrictionTable",
+        "Friction",
+        "Stops",
+        "Lock",
+        "Elasticity",
+        "Damping",
+        "Penalty",
+        "Baumgarte",
+        "Imposed",
+        "Command",
+    ),
+    "scene.outputs": (
+        "Wrench",
+        "Limits",
+        "Record",
+    ),
     "scene.resources": ("shipped", "shipped_scenes"),
     "scene.scene": ("Scene", "load"),
     "simulation.run": ("Run",),
     "simulation.simulate": ("simulate", "sweep"),
-}  # fmt: skip
+}
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
@@ -86,6 +109,7 @@ __all__ = [
     "Stops",
     "UnknownNameError",
     "Wrench",
+    "identify",
     "load",
     "read_run",
     "shipped",

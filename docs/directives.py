@@ -92,7 +92,7 @@ class PublicApi(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the descriptions, in the order of ``__all__``."""
-        lines: list[str] = []
+        lines = [".. highlight:: python", ""]
         for name in cylconn_ros.__all__:
             lines += api_entry(name)
         box = nodes.container()

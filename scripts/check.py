@@ -1,4 +1,4 @@
-"""What `make test` runs: formatter, linter, types, tests. All of them, then one line each."""
+"""The checks of `make test`: formatter, linter, types, tests; then one line of result each."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ CHECKS = {
 
 
 def main() -> int:
-    """Run every check; 0 only where all pass. Further arguments go to pytest."""
+    """Run every check; return 0 only if all pass. Further arguments go to pytest."""
     results = []
     for name, command in CHECKS.items():
         arguments = sys.argv[1:] if name == "tests" else []

@@ -1,7 +1,7 @@
-"""Prepare .venv for `make demo`, `test` or `bench`: ROS 2 wheels, tools, this package (editable).
+"""Prepare .venv for a target of the Makefile: ROS 2 wheels, tools, this package (editable).
 
-Needs the network once. Later runs compare a fingerprint of what the build reads and do nothing, or
-build again offline. Standard library only.
+The first run needs the network. Later runs compare a fingerprint of the build inputs and do
+nothing, or build again offline. Standard library only.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ PLACE = VENV / "place"  # written when the environment is complete
 LOG = VENV / "prepare.log"
 BUILD_FILES = ("CMakeLists.txt", "package.xml", "pyproject.toml", "setup.py")
 BUILD_FOLDERS = ("cmake", "config", "dashboards", "launch", "msg")
-EXTRAS = {  # what preparing for one also serves
+EXTRAS = {  # extras of setup.py to install for each target
     "demo": ("demo",),
     "docs": ("docs",),
     "test": ("demo", "docs", "test"),
@@ -34,11 +34,11 @@ EXTRAS = {  # what preparing for one also serves
 
 
 class PrepareError(Exception):
-    """A plain sentence for the user."""
+    """The environment cannot be prepared; the text is one sentence for the user."""
 
 
 def fingerprint() -> str:
-    """Hash whatever an installation copies or builds; Python sources are used in place."""
+    """Hash all files that an installation copies or builds; Python sources are used in place."""
     files = [ROOT / name for name in BUILD_FILES]
     for folder in BUILD_FOLDERS:
         files += sorted(path for path in (ROOT / folder).rglob("*") if path.suffix != ".pyc")
@@ -59,7 +59,7 @@ def build_requirements() -> list[str]:
 
 
 def step(what: str, *command: str) -> None:
-    """Run a command with its output in the log, showing what is done and for how long."""
+    """Run a command with its output in the log; print its purpose and the elapsed time."""
     started = time.monotonic()
     done = threading.Event()
     live = sys.stdout.isatty()
@@ -85,32 +85,32 @@ def step(what: str, *command: str) -> None:
 
 
 def diagnosis(output: str) -> str:
-    """Say in a sentence why pip failed, where its output tells."""
+    """Return the reason why pip failed in one sentence, if its output contains it."""
     compiling = re.search(
         r"CMake Error.*\n(?:\s*\S.*\n)*|.*\berror: .*\.(?:c|cpp|h|hpp)\b.*", output
     )
     refused = re.search(r"cylconn_ros cannot be built: .*", output)
     if refused:
-        return f"{refused[0]}\n{compiling[0] if compiling else ''}(all of it: {LOG})"
+        return f"{refused[0]}\n{compiling[0] if compiling else ''}(full log: {LOG})"
     unreachable = (
         "Failed to establish a new connection|Temporary failure in name resolution|timed out"
     )
     if re.search(f"{unreachable}|NewConnectionError|NameResolutionError", output):
         return "the package index cannot be reached; the first run needs the network"
     tail = "\n".join(output.strip().splitlines()[-12:])
-    return f"it ended with\n{tail}\n(all of it: {LOG.relative_to(ROOT)})"
+    return f"pip failed:\n{tail}\n(full log: {LOG.relative_to(ROOT)})"
 
 
 def stamp() -> dict:
-    """Give what the last completed preparation left: fingerprint and purposes."""
+    """Return fingerprint and purposes of the last completed preparation."""
     return json.loads(STAMP.read_text()) if STAMP.exists() else {}
 
 
 def environment_version() -> str:
-    """Version of the Python in .venv; empty where it is of no use and has to be made anew.
+    """Version of the Python in .venv; empty if .venv is unusable and must be created again.
 
-    That is after an upgrade of the system's Python, an interrupted creation, or a move of the clone
-    (its scripts name the place they were installed in).
+    Reasons: an upgrade of the system's Python, an interrupted creation, or a move of the clone
+    (scripts contain the path of their installation).
     """
     if not PLACE.exists() or PLACE.read_text() != str(VENV):
         return ""
@@ -123,7 +123,7 @@ def environment_version() -> str:
 
 
 def make_environment() -> None:
-    """Make .venv, anew where it is broken or another Python is asked for."""
+    """Create .venv if it is missing, broken or of another Python than requested."""
     wanted = "{}.{}".format(*sys.version_info)
     present = environment_version()
     if present and (present == wanted or not os.environ.get("PYTHON")):
@@ -131,13 +131,13 @@ def make_environment() -> None:
     missing = toolchain.missing_for_environment()
     if missing:
         raise PrepareError(toolchain.explain(missing))
-    print(f"Preparing .venv with Python {wanted}; this once it needs the network.")
+    print(f"Preparing .venv with Python {wanted}; this first run needs the network.")
     venv.create(VENV, clear=True, with_pip=True)
     PLACE.write_text(str(VENV))
 
 
 def prepare(purpose: str) -> None:
-    """Bring .venv up to date for `purpose`, a key of EXTRAS."""
+    """Update .venv for `purpose`, a key of EXTRAS."""
     make_environment()
     done = stamp()
     current = fingerprint()

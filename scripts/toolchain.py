@@ -1,4 +1,4 @@
-"""What building the messages needs from the system. Standard library only: setup.py uses it too."""
+"""System requirements of the build of the messages. Standard library only: setup.py uses it too."""
 
 import os
 import shutil
@@ -11,12 +11,12 @@ SUPPORTED = ((3, 10), (3, 13))
 
 
 def missing_for_building() -> dict[str, str]:
-    """Give what is missing: a sentence each, and the Debian package that has it."""
+    """Return the missing requirements: one sentence each, and the Debian package to install."""
     missing = {}
     named = os.environ.get("CXX", "").split()[:1]
     if not any(map(shutil.which, named or ("c++", "g++", "clang++"))):
         reason = (
-            f"CXX names {named[0]}, which is not there" if named else "there is no C++ compiler"
+            f"CXX names {named[0]}, which does not exist" if named else "there is no C++ compiler"
         )
         missing[reason] = "g++"
     version = "{}.{}".format(*sys.version_info)
@@ -27,7 +27,7 @@ def missing_for_building() -> dict[str, str]:
 
 
 def missing_for_environment() -> dict[str, str]:
-    """Give what is missing for a virtual environment in which to build, as above."""
+    """Return the missing requirements of a virtual environment for the build, as above."""
     missing = {}
     version = "{}.{}".format(*sys.version_info)
     low, high = SUPPORTED
@@ -35,7 +35,7 @@ def missing_for_environment() -> dict[str, str]:
         span = "{}.{} to {}.{}".format(*low, *high)
         missing[f"this is Python {version}, and ROS 2 Jazzy's wheels are for {span}"] = "python3"
     if not (find_spec("venv") and find_spec("ensurepip")):
-        missing[f"Python {version} cannot make virtual environments"] = f"python{version}-venv"
+        missing[f"Python {version} cannot create virtual environments"] = f"python{version}-venv"
     return {**missing, **missing_for_building()}
 
 

@@ -2,9 +2,7 @@
 
 import os
 import signal
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -22,6 +20,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from cylconn_ros.messages.pipeline import MessagePipeline
+from cylconn_ros.process.child import Child
 from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor
 from cylconn_ros.ros.connector.diagnostics_encoder import encode_diagnostics
 from cylconn_ros.ros.connector.recorder import Recorder
@@ -42,70 +41,38 @@ def parameters(*rules: str, least: bool = True) -> list[str]:
     return arguments
 
 
-class Program:
+class Program(Child):
     """A running program; ``lines`` holds its output."""
 
     def __init__(self, command: Sequence[str | Path], directory: Path) -> None:
-        self.lines: list[str] = []
-        self.process = subprocess.Popen(
-            [str(part) for part in command],
-            cwd=directory,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+        super().__init__(
+            str(command[0]), [str(part) for part in command], environment, folder=directory
         )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
 
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        self.lines.extend(line.rstrip("\n") for line in self.process.stdout)
-
-    @property
-    def output(self) -> str:
-        return "\n".join(self.lines)
-
-    def wait_for(self, text: str) -> str:
+    def wait_for(self, text: str, timeout: float = PATIENCE) -> str:
         """Wait until it prints a line with ``text``, and return the line."""
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            for line in list(self.lines):
-                if text in line:
-                    return line
-            time.sleep(0.01)
-        raise AssertionError(f"no {text!r} within {PATIENCE} s")
+        return super().wait_for(text, timeout)
 
-    def wait(self) -> int:
+    def wait(self, timeout: float = PATIENCE) -> int | None:
         """Wait for its end and return the exit code."""
-        code = self.process.wait(PATIENCE)
-        self._reader.join(PATIENCE)
-        return code
+        return super().wait(timeout)
 
-    def stop(self, number: int = signal.SIGINT) -> int:
+    def stop(self, number: int = signal.SIGINT) -> int | None:
         """Send a signal and return the exit code."""
-        self.process.send_signal(number)
+        self.signal(number)
         return self.wait()
 
 
 @contextmanager
 def program(command: Sequence[str | Path], directory: Path) -> Iterator[Program]:
     """Run a program during a block; it ends with the block."""
-    running = Program(command, directory)
-    try:
-        yield running
-    except BaseException:
-        print(f"{command[0]} (exit code {running.process.poll()}) printed:\n{running.output}")
-        raise
-    finally:
-        if running.process.poll() is None:
-            running.process.send_signal(signal.SIGINT)
-            try:
-                running.process.wait(5.0)
-            except subprocess.TimeoutExpired:
-                running.process.kill()
-                running.process.wait()
+    with Program(command, directory) as running:
+        try:
+            yield running
+        except BaseException:
+            print(f"{running.name} (exit code {running.exit_code}) printed:\n{running.output}")
+            raise
 
 
 def installed(prefix: Path, name: str) -> list[str | Path]:
@@ -146,7 +113,7 @@ class Peer:
             if result := condition():
                 return result
             self.executor.spin_once(timeout_sec=0.05)
-        raise AssertionError(f"no {what or 'result'} within {PATIENCE} s")
+        raise AssertionError(f"timeout after {PATIENCE} s{': ' if what else ''}{what}")
 
     def spin_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds

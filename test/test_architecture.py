@@ -17,7 +17,7 @@ LAYERS = (
     ("scene",),
     ("connector", "process"),
     ("simulation", "messages", "recording"),
-    ("reference", "identify", "laws", "report", "replay", "ros"),
+    ("reference", "identification", "laws", "report", "replay", "ros"),
     ("bench",),
     ("cli",),
 )

@@ -204,7 +204,7 @@ def test_building_without_a_compiler_is_said_plainly(tmp_path: Path) -> None:
     command = (sys.executable, "-m", "pip", "wheel", "--no-build-isolation", "--no-deps", sources)
     done = run("env", "CXX=no-such-compiler", *command, cwd=tmp_path)
     assert done.returncode != 0
-    assert "CXX names no-such-compiler, which is not there" in done.stdout
+    assert "CXX names no-such-compiler, which does not exist" in done.stdout
     assert "Traceback" not in done.stdout
 
 

@@ -145,6 +145,7 @@ def _check_files(bench: Benchmark, options: argparse.Namespace, command: str) ->
 def _keep(
     bench: Benchmark, options: argparse.Namespace, command: str, text: str, report: Report
 ) -> None:
+    """Write results, page and pictures, as requested."""
     from cylconn_ros.bench.common.report import replace_results
 
     output: Path | None = options.output

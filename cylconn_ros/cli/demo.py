@@ -125,6 +125,7 @@ class _PlantMonitor:
         self._steps = steps
 
     def __call__(self, line: str) -> bool:
+        """Return whether the line is a progress line, ``progress DONE TOTAL``."""
         words = line.split()
         if len(words) != 3 or words[0] != "progress" or not (words[1] + words[2]).isdigit():
             return False
@@ -148,6 +149,7 @@ def _fail(reason: str, *children: Child) -> None:
 
 
 def _new_directory(wanted: Path | None) -> Path:
+    """Create the output directory; raises CommandError if it exists."""
     stamp = datetime.datetime.now(datetime.timezone.utc).strftime("%Y%m%dT%H%M%S.%fZ")
     directory = wanted or Path("runs") / f"demo_{stamp}"
     try:

@@ -27,7 +27,7 @@ from cylconn_ros.scene.inputs import BODIES, INPUTS
 from cylconn_ros.scene.scene import load
 
 if TYPE_CHECKING:
-    from cylconn_ros.identify.friction import Estimate, Identification
+    from cylconn_ros.identification.friction import Estimate, Identification
 
 _PICTURES = (".png", ".svg", ".pdf")
 _LEAST_NOISE = 1e-7  # m/s; below, the sample period limits the accuracy and not a sensor
@@ -82,16 +82,14 @@ def run(options: argparse.Namespace) -> int:
     """Estimate and report; 0 if the coefficient was estimated."""
     _check(options)
     from cylconn_ros.errors import IdentifyError
-    from cylconn_ros.identify.recording import identify_recording
+    from cylconn_ros.identification.recording import identify
 
     recorded = read_run(options.recording, options.connector)
     scene = load(options.params) if options.params is not None else None
     with Progress("identify") as bar:
         bar.note("preparing (the first run compiles the physics)")
         try:
-            found = identify_recording(
-                recorded, scene, known=dict(options.known), remap=dict(options.topic)
-            )
+            found = identify(recorded, scene, known=dict(options.known), remap=dict(options.topic))
         except IdentifyError as error:
             raise CommandError(f"{options.recording}: {error}") from None
     if options.json is not None:
@@ -147,6 +145,7 @@ def table(found: Identification) -> list[str]:
 
 
 def _row(e: Estimate) -> str:
+    """Line of the table for one parameter; a value in brackets is not estimated."""
     title = _TITLES[e.name]
     unit = "" if e.unit == "1" else e.unit
     if e.found:
@@ -197,7 +196,7 @@ def _write_json(found: Identification, path: Path) -> None:
 
 
 def _draw(found: Identification, name: str, path: Path) -> None:
-    from cylconn_ros.identify.picture import draw, save
+    from cylconn_ros.identification.picture import draw, save
 
     try:
         save(draw(found, name), path)
@@ -206,6 +205,7 @@ def _draw(found: Identification, name: str, path: Path) -> None:
 
 
 def _known(text: str) -> tuple[str, float | None]:
+    """Parse a value of --known; None: use the parameter's value."""
     name, _, value = text.partition("=")
     name = name.removeprefix("friction.")
     if name not in _KNOWN:
@@ -230,6 +230,7 @@ def _known(text: str) -> tuple[str, float | None]:
 
 
 def _topic(text: str) -> tuple[str, str]:
+    """Parse a value of --remap: input and recorded topic."""
     ours, mark, theirs = text.partition(":=")
     body, _, kind = ours.rpartition("/")
     good = body in BODIES and kind in _KINDS

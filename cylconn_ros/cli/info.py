@@ -71,6 +71,7 @@ def _next(recorded: Run, complete: bool) -> str:
 
 
 def _topics(recorded: Run) -> list[str]:
+    """One line per topic: name, number of messages, type."""
     width = max((len(topic) for topic in recorded.types), default=0)
     lines = [f"{sum(recorded.counts.values())} messages over {recorded.duration:.1f} s"]
     for topic, kind in sorted(recorded.types.items()):
@@ -88,6 +89,7 @@ def _undecodable(recorded: Run) -> dict[str, int]:
 
 
 def _states(recorded: Run) -> list[str]:
+    """Summary and curves of the states, or of each connector."""
     if recorded.connectors:
         return _connectors(recorded)
     try:

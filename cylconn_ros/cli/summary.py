@@ -68,7 +68,7 @@ class Reduction:
         self._worst = {"offset_violation": 0.0, "angular_violation": 0.0, "residual": 0.0}
 
     def add(self, time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Take the next n > 0 states; as for :func:`reduce_states`."""
+        """Add the next n > 0 states; arguments as for :func:`summarise`."""
         if not self._samples:
             self._begin = float(time[0])
         self._end = float(time[-1])

@@ -302,7 +302,7 @@ class SampleMatcher:
         return slot
 
     def _add_duplicate(self, bit: int) -> SynchronizedSample | None:
-        """Count a message with the last sample's stamp; the last of all of them repeats the sample."""
+        """Count a message with the last sample's stamp; the last of them repeats the sample."""
         self.counts.duplicate_messages += 1
         self._duplicates |= bit
         if self._duplicates != self.needed:

@@ -72,39 +72,39 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
     The first sample defines the reference configuration without prediction; ``out`` then serves as
     scratch space.
     """
-    here = mem[model.PREDICTED_SAMPLE : model.PREDICTED_SAMPLE + layout.NSAMPLE]
+    current = mem[model.PREDICTED_SAMPLE : model.PREDICTED_SAMPLE + layout.NSAMPLE]
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
-    gone = 1
+    periods = 1
     if mem[model.HAS_REFERENCE] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
-        gone = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MAX_LATENCY + 1)
-    for _ in range(gone - 1):  # samples were lost: the last wrench was held
+        periods = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MAX_LATENCY + 1)
+    for _ in range(periods - 1):  # samples were lost: the last wrench was held
         for k in range(12 * MAX_LATENCY - 1, -1, -1):
             mem[model.SENT_WRENCHES + 12 + k] = mem[model.SENT_WRENCHES + k]
     for k in range(layout.NSAMPLE):
-        here[k] = sample[k]
+        current[k] = sample[k]
     for at in (layout.A_POSE, layout.B_POSE):
-        q = normalised(model.quaternion(here, at + 3))
+        q = normalised(model.quaternion(current, at + 3))
         for k in range(4):
-            here[at + 3 + k] = q[k]
+            current[at + 3 + k] = q[k]
     mem[model.JUMPED] = 0.0
     if mem[model.HAS_REFERENCE] == 0.0:
         mem[model.PERIOD_VARIATION] = 1.0
     elif mem[model.LAST_PERIOD] > 0.0:
-        dt = mem[model.LAST_PERIOD] / gone
+        dt = mem[model.LAST_PERIOD] / periods
         off = min(VARIATION_GAIN * abs(mem[model.LAST_PERIOD] / h - 1.0), 1.0)
         mem[model.PERIOD_VARIATION] = max(FORGETTING * mem[model.PERIOD_VARIATION], off)
         if par[model.LATENCY] < 0.0:
-            _measure_latency(par, mem, here, body_a, body_b, gone, dt)
-        work_a, jump_a = _work(par, mem, here, body_a, 0, gone, dt)
-        work_b, jump_b = _work(par, mem, here, body_b, 1, gone, dt)
+            _measure_latency(par, mem, current, body_a, body_b, periods, dt)
+        work_a, jump_a = _work(par, mem, current, body_a, 0, periods, dt)
+        work_b, jump_b = _work(par, mem, current, body_b, 1, periods, dt)
         add_work(mem, work_a)
         add_work(mem, work_b)
         mem[model.JUMPED] = 1.0 if jump_a or jump_b else 0.0
     for k in range(layout.A_LOAD):
-        mem[model.LAST_SAMPLE + k] = here[k]
+        mem[model.LAST_SAMPLE + k] = current[k]
     late = latency_of(par, mem)
     if mem[model.HAS_REFERENCE] == 0.0:
-        measure(par, mem, here, out)
+        measure(par, mem, current, out)
         mem[model.LAST_PERIOD] = late * h
     for i in range(late):
         at = model.SENT_WRENCHES + 12 * (late - 1 - i)
@@ -112,7 +112,7 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
             body = body_a if k == 0 else body_b
             force, torque = model.vector(mem, at + 6 * k), model.vector(mem, at + 6 * k + 3)
             pose = layout.A_POSE if k == 0 else layout.B_POSE
-            advance_body(par, body, here, pose, force, torque, here, layout.A_LOAD + 6 * k, h)
+            advance_body(par, body, current, pose, force, torque, current, layout.A_LOAD + 6 * k, h)
 
 
 @inline_function
@@ -123,38 +123,40 @@ def _sent_at(mem: Array, late: int, j: int) -> int:
 
 @inline_function
 def _add_misfits(
-    par: Array, mem: Array, here: Array, k: int, body: Body, gone: int, dt: float
+    par: Array, mem: Array, current: Array, k: int, body: Body, periods: int, dt: float
 ) -> None:
     """Add the misfit of each latency for the velocity change of body k.
 
-    The misfit is a squared force, N^2, the mean over ``gone`` periods.
+    The misfit is a squared force, N^2, the mean over all periods since the last sample.
     """
     at = layout.A_POSE if k == 0 else layout.B_POSE
-    load = model.vector(here, layout.A_LOAD + 6 * k)
+    load = model.vector(current, layout.A_LOAD + 6 * k)
     before = motion_of(body, mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], at).velocity
-    v = motion_of(body, here, at).velocity
+    v = motion_of(body, current, at).velocity
     weight = scale(body.mass, model.vector(par, model.GRAVITY))
-    needed = sub(scale(body.mass / (gone * dt), sub(v, before)), add_scaled(load, 1.0, weight))
+    needed = sub(scale(body.mass / (periods * dt), sub(v, before)), add_scaled(load, 1.0, weight))
     for d in range(MAX_LATENCY + 1):
         apart = needed
-        for j in range(gone):
-            apart = add_scaled(apart, -1.0 / gone, model.vector(mem, _sent_at(mem, d, j) + 6 * k))
+        for j in range(periods):
+            apart = add_scaled(
+                apart, -1.0 / periods, model.vector(mem, _sent_at(mem, d, j) + 6 * k)
+            )
         mem[model.LATENCY_MISFIT + d] += dot(apart, apart)
 
 
 @inline_function
 def _measure_latency(
-    par: Array, mem: Array, here: Array, body_a: Body, body_b: Body, gone: int, dt: float
+    par: Array, mem: Array, current: Array, body_a: Body, body_b: Body, periods: int, dt: float
 ) -> None:
     """Estimate the latency from the measured velocities and the sent wrenches."""
-    if gone > MAX_LATENCY:
+    if periods > MAX_LATENCY:
         return
     for d in range(MAX_LATENCY + 1):
         mem[model.LATENCY_MISFIT + d] *= FORGETTING
     for k in range(2):
         body = body_a if k == 0 else body_b
         if body.free:
-            _add_misfits(par, mem, here, k, body, gone, dt)
+            _add_misfits(par, mem, current, k, body, periods, dt)
     greatest, best, least = 0.0, 0, math.inf
     for d in range(MAX_LATENCY + 1):
         misfit = mem[model.LATENCY_MISFIT + d]
@@ -169,7 +171,7 @@ def _measure_latency(
 
 @device_function
 def _work(
-    par: Array, mem: Array, here: Array, body: Body, k: int, gone: int, dt: float
+    par: Array, mem: Array, current: Array, body: Body, k: int, periods: int, dt: float
 ) -> tuple[float, bool]:
     """The work on body k since the last sample, J, and whether the body has jumped.
 
@@ -177,22 +179,22 @@ def _work(
     measured motion is distributed over the periods unless it is a jump.
     """
     at, late = layout.A_POSE if k == 0 else layout.B_POSE, latency_of(par, mem)
-    state, h = mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], gone * dt
-    first, seen = motion_of(body, state, at), motion_of(body, here, at)
+    state, h = mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], periods * dt
+    first, measured = motion_of(body, state, at), motion_of(body, current, at)
     work, mean, turn = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     m = first
-    for i in range(gone):
-        acted = _sent_at(mem, late, gone - 1 - i) + 6 * k
+    for i in range(periods):
+        acted = _sent_at(mem, late, periods - 1 - i) + 6 * k
         force, torque = model.vector(mem, acted), model.vector(mem, acted + 3)
-        advance_body(par, body, state, at, force, torque, here, layout.A_LOAD + 6 * k, dt)
+        advance_body(par, body, state, at, force, torque, current, layout.A_LOAD + 6 * k, dt)
         last, m = m, motion_of(body, state, at)
         work += dot(force, sub(m.com, last.com)) + 0.5 * dt * dot(torque, add(m.spin, last.spin))
-        mean = add_scaled(mean, 1.0 / gone, force)
-        turn = add_scaled(turn, dt * (i + 0.5) / gone, torque)
-    moved, expected = sub(seen.com, first.com), scale(h, seen.velocity)
-    apart, late_by = sub(seen.com, m.com), sub(moved, expected)
-    halfway = add_scaled(late_by, 0.5 * h, sub(seen.velocity, first.velocity))
+        mean = add_scaled(mean, 1.0 / periods, force)
+        turn = add_scaled(turn, dt * (i + 0.5) / periods, torque)
+    moved, expected = sub(measured.com, first.com), scale(h, measured.velocity)
+    apart, late_by = sub(measured.com, m.com), sub(moved, expected)
+    halfway = add_scaled(late_by, 0.5 * h, sub(measured.velocity, first.velocity))
     least = min(dot(apart, apart), dot(late_by, late_by), dot(halfway, halfway))
     if has_jumped(par, moved, expected, least, h):
         return work, True
-    return work + dot(mean, apart) + dot(turn, sub(seen.spin, m.spin)), False
+    return work + dot(mean, apart) + dot(turn, sub(measured.spin, m.spin)), False

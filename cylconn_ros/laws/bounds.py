@@ -106,7 +106,7 @@ def bounds(p: Parameters, o: SampleState, past: History, coefficient: Array) -> 
     # an impact whose second step is due reports its coefficient again; another may begin then
     repeated = (past.pending != 0.0).any(axis=1) & (coefficient == past.pending_restitution)
     certain = ((impact != 0.0) & ~ties) | (past.pending != 0.0)
-    newly_ambiguous |= ties.any(axis=1) & certain.any(axis=1)  # which impact reports it
+    newly_ambiguous |= ties.any(axis=1) & certain.any(axis=1)  # rounding decides which one
     newly_ambiguous |= repeated & (impact != 0.0).any(axis=1)
     low, high = limits
     low_size, high_size = sizes
@@ -153,8 +153,8 @@ def _lock(p: Parameters, o: SampleState, past: History, b: Bounds) -> None:
     """Set whether the lock is closed, and its position.
 
     By position: the component passed it, or will pass it within a step and a half; it is locked
-    there. By force: the previous output's force exceeded the limit; the component is locked
-    at the position at which it can come to rest.
+    there. By force: the previous output's force exceeded the limit; the component is locked at the
+    position at which it can come to rest.
     """
     rows = np.flatnonzero(p.lock >= 0)
     k = p.lock[rows]

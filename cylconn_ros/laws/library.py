@@ -51,6 +51,7 @@ def run(scene: Scene, most: int) -> RunSamples:
 
 
 def _gains(scene: Scene) -> dict[str, float]:
+    """Parameters ``penalty.*`` from the effective mass and inertia of the free bodies."""
     effective = [
         _effective(body, node.position)
         for body, node in ((scene.body_a, scene.node_a), (scene.body_b, scene.node_b))

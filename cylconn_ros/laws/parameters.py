@@ -211,6 +211,7 @@ def _static(friction: Friction) -> float:
 
 
 def _bodies(bodies: Sequence[Body], nodes: Sequence[tuple[float, ...]]) -> Bodies:
+    """Bodies of one side, one row per scene. nodes: node positions in the body frames."""
     n = len(bodies)
     free = np.array([body.kind == "free" for body in bodies])
     has_com = np.array([body.kind in ("free", "unknown") for body in bodies])

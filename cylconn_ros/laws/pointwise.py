@@ -40,6 +40,7 @@ def check(scene: Scene) -> tuple[dict[str, Array], float]:
 
 
 def _friction(p: Parameters, scene: Scene, found: Solution) -> dict[str, Array]:
+    """Residuals (INSTANTS,) of the laws of friction."""
     tables = tables_of([scene])
     phi = found.friction / np.column_stack([np.ones(INSTANTS), p.radius])
     s = np.column_stack([found.velocity, p.radius * found.angular_velocity])

@@ -120,6 +120,7 @@ def _newton_step(
 def _end(
     p: Parameters, o: SampleState, s: Step, sample: Array, wrench: Array, terms: Array
 ) -> _End:
+    """Predicted end of the step under a wrench (n, 6) with terms of these sizes (n, 6)."""
     force = rigid.out_of(s.frame.axes, wrench[:, :3])
     moment = rigid.out_of(s.frame.untwisted, wrench[:, 3:])
     force_size = rigid.out_of(np.abs(s.frame.axes), terms[:, :3])

@@ -179,10 +179,12 @@ def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> 
 
 
 def _force(rng: Random, weight: float) -> dict[str, float]:
+    """An imposed force."""
     return {"force": float(rng.normal() * weight * decades(rng, -3.0, 3.0))}
 
 
 def _motion(rng: Random, reach: float) -> dict[str, float]:
+    """An imposed motion."""
     motion: dict[str, float] = {}
     which = rng.integers(3)  # position, velocity, or both
     if which != 1:
@@ -212,6 +214,7 @@ def _node_position(rng: Random) -> list[float]:
 
 
 def _body(rng: Random, kind: str, mass: float, inertia: float) -> dict[str, Any]:
+    """Parameters of a body."""
     pose = [*_list(rng.normal(size=3)), *_list(orientation(rng, 1)[0])]
     if kind != "free":
         return {"kind": kind, "pose": pose}
@@ -238,6 +241,7 @@ def _reference(rng: Random) -> dict[str, Any]:
 
 
 def _friction(rng: Random, kind: str, weight: float, arm: float) -> dict[str, Any]:
+    """Parameters of friction; empty: none. kind: family of the scene."""
     if kind == "wide" and rng.random() < 0.15:
         return {}
     high = {"sliding": -0.3, "turning": 0.0}.get(kind, 1.0)
@@ -263,6 +267,7 @@ def _friction(rng: Random, kind: str, weight: float, arm: float) -> dict[str, An
 
 
 def _table(rng: Random, mu: float, weight: float) -> dict[str, list[float]]:
+    """A table of the friction coefficient."""
     rows, columns = int(rng.integers(1, 4)), int(rng.integers(1, 4))
     rates = np.cumsum(decades(rng, -2.0, 1.0, rows))
     forces = weight * np.cumsum(decades(rng, -2.0, 2.0, columns))

@@ -116,7 +116,7 @@ class SampleState(Rows):
     swing: Array  # (n, 4) S as a quaternion: turns e1a to the held direction of e1b
     axes_b: Array  # (n, 4) node b's axes in body B
     total: Array  # (n, 2) f1, m1 of the previous output
-    held: Array  # (n, 2) position that stick holds, here or before
+    held: Array  # (n, 2) position that stick holds, from this sample or before
     holding: Bools  # stuck at the previous sample: a position is held
     new_hold: Bools  # the held position is that of this sample
     start: Array  # (n, 2) length and angle of the reference configuration

@@ -76,6 +76,7 @@ def angular_acceleration(
 
 
 def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
+    """Step of a body under gravity, load (n, 6) and gyroscopic torque, without the connector."""
     h = _column(p.h)
     explicit, free = _column(p.explicit), _column(body.free)
     force = load[:, :3]

@@ -83,11 +83,6 @@ class LawSummary:
             mine.samples += theirs.samples
             mine.violations += theirs.violations
 
-    @property
-    def holds(self) -> bool:
-        """Whether every law holds."""
-        return all(law.holds for law in self.laws.values())
-
     def rare_regimes(self) -> list[str]:
         """The required regimes with less than LEAST_SHARE of the samples."""
         return [name for name in REQUIRED_REGIMES if self.share(name) < LEAST_SHARE]

@@ -148,7 +148,7 @@ def copy_numbers(numbers: Any, begin: int, row: int, columns: Any, sample: Any) 
 def write_sample(
     numbers: Any, columns: Any, partial: Any, loads: Any, load_axes: Any, sample: Any
 ) -> None:
-    """Write the complete sample to ``sample`` (NSAMPLE,), world axes; no message is held after.
+    """Write the complete sample to ``sample`` (NSAMPLE,), world axes, and begin the next one.
 
     ``loads``, ``load_axes``: of a :class:`~cylconn_ros.connector.synchronizer.SampleMatcher`.
     """

@@ -143,18 +143,18 @@ def _is_candidate(b: Bounds, side: int) -> tuple[bool, int]:
 
 @inline_function
 def _limit_violation(
-    b: Bounds, fixed: bool, side: int, rate: float, pushed: float, free: float
+    b: Bounds, fixed: bool, side: int, rate: float, added: float, free: float
 ) -> float:
-    """By how much, as a rate, a choice breaks its own condition; 0: it does not.
+    """Violation of the complementarity condition of a case, as a rate; 0 if it is satisfied.
 
-    pushed: what the reaction adds to the rate; free: the rate without friction and reactions.
+    added: change of the rate by the reaction; free: the rate without friction and reactions.
     """
     if fixed:
         return 0.0
     slack = 1e-13 * abs(rate) + ROUNDING_SHARE * abs(free)
     if side == 0:
         return max(b.low - rate - slack, rate - b.high - slack, 0.0)
-    return max(pushed * side - slack, 0.0)
+    return max(added * side - slack, 0.0)
 
 
 @device_function
@@ -175,18 +175,18 @@ def _solve_case(
     """Friction and reactions with the components at their lower (-1) or upper (1) bound."""
     t1 = b1.low if side1 < 0 else b1.high
     t2 = b2.low if side2 < 0 else b2.high
-    held = eliminate_limits(sp.free, sp.s, (side1, side2), (t1, t2))
+    active = eliminate_limits(sp.free, sp.s, (side1, side2), (t1, t2))
     friction, regime, flags, s_mean, residual = _friction(
-        par, mem, o, r, sp, held, h, explicit, which
+        par, mem, o, r, sp, active, h, explicit, which
     )
     f, g = friction
     end = (
-        held.free[0] + held.s[0] * f + held.s[1] * g,
-        held.free[1] + held.s[1] * f + held.s[2] * g,
+        active.free[0] + active.s[0] * f + active.s[1] * g,
+        active.free[1] + active.s[1] * f + active.s[2] * g,
     )
     reaction_ = (
-        held.q0[0] + (held.q1[0] - 1.0) * f + held.q2[0] * g,
-        held.q0[1] + held.q1[1] * f + (held.q2[1] - 1.0) * g,
+        active.q0[0] + (active.q1[0] - 1.0) * f + active.q2[0] * g,
+        active.q0[1] + active.q1[1] * f + (active.q2[1] - 1.0) * g,
     )
     return FreeAxesSolution(end, friction, reaction_, regime, flags, s_mean, residual)
 
@@ -234,7 +234,7 @@ def _friction(
     o: RelativeState,
     r: ReducedStep,
     sp: StepWithSprings,
-    held: ActiveLimits,
+    active: ActiveLimits,
     h: float,
     explicit: bool,
     which: int,
@@ -246,7 +246,7 @@ def _friction(
     radius = law.radius
     was_stick = mem[model.WAS_STICK] != 0.0
     v1, w1 = o.twist.v[0], o.twist.w[0]
-    free, s = held.free, held.s
+    free, s = active.free, active.s
     s_free = (free[0], radius * free[1])
     if was_stick:  # the position that stick holds is a target, as for a constraint
         if mem[model.STICK_SAMPLES] == 1.0:
@@ -258,10 +258,12 @@ def _friction(
     # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
     e1, er = sp.e
     base = reactions(
-        r, sp.push[0] - e1 * free[0] + held.q0[0], sp.push[1] - er * free[1] + held.q0[1]
+        r, sp.push[0] - e1 * free[0] + active.q0[0], sp.push[1] - er * free[1] + active.q0[1]
     )
-    by_p = _free_reactions(r, held.q1[0] - e1 * s[0], held.q1[1] - er * s[1])
-    by_q = _free_reactions(r, radius * (held.q2[0] - e1 * s[1]), radius * (held.q2[1] - er * s[2]))
+    by_p = _free_reactions(r, active.q1[0] - e1 * s[0], active.q1[1] - er * s[1])
+    by_q = _free_reactions(
+        r, radius * (active.q2[0] - e1 * s[1]), radius * (active.q2[1] - er * s[2])
+    )
     d = make_disc_problem(
         (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
     )

@@ -41,7 +41,7 @@ A: Final = 14  # 3
 NREDUCED: Final = 17
 
 _ZERO: Final = (0.0, 0.0, 0.0)
-_STILL_AT: Final = (0.0, 0.0, 0.0, 1.0)
+_IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 @inline_function
@@ -52,9 +52,9 @@ def _unit(k: int) -> Vector:
 
 @inline_function
 def _write_jacobians(f: Frame, prepared: Array) -> None:
-    still = Motion(_ZERO, _STILL_AT, _ZERO, _ZERO)
+    still = Motion(_ZERO, _IDENTITY, _ZERO, _ZERO)
     for k in range(6):
-        unit = Motion(_ZERO, _STILL_AT, _unit(k), _unit(k - 3))
+        unit = Motion(_ZERO, _IDENTITY, _unit(k), _unit(k - 3))
         a, b = relative_twist(f, unit, still), relative_twist(f, still, unit)
         for i in range(3):
             prepared[JACOBIAN_A + 6 * i + k], prepared[JACOBIAN_A + 6 * (i + 3) + k] = (

@@ -113,11 +113,11 @@ def update(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> No
 @device_function
 def _evaluate_window(mem: Array, at: int, g: Gains, balance: float) -> None:
     """Lower a gain if the window generated energy and its peak exceeds the least one."""
-    peak, quiet = mem[at + PEAK_ENERGY], mem[at + LEAST_PEAK]
-    seen = peak > 0.5 * g.k * LEAST_ERROR * LEAST_ERROR
-    if quiet == 0.0 or peak < quiet:
+    peak, least_peak = mem[at + PEAK_ENERGY], mem[at + LEAST_PEAK]
+    significant = peak > 0.5 * g.k * LEAST_ERROR * LEAST_ERROR
+    if least_peak == 0.0 or peak < least_peak:
         mem[at + LEAST_PEAK] = peak
-    elif seen and peak > GROWTH * quiet and balance > 0.01 * mem[at + WINDOW_EXCHANGED]:
+    elif significant and peak > GROWTH * least_peak and balance > 0.01 * mem[at + WINDOW_EXCHANGED]:
         mem[at + LEAST_PEAK] = peak
         if math.exp(-mem[at + MULTIPLIER_REDUCTION]) > SMALL_SHARE:
             mem[at + MULTIPLIER_REDUCTION] += math.log(4.0)

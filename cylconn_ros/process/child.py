@@ -277,7 +277,6 @@ class Child:
     def _ended(self) -> ProcessError:
         """The error of a child that ended early, with its exit code and its last line."""
         code = self.wait(1.0)
-        self._join(1.0)
         last = self.lines[-1] if self.lines else "(no output)"
         state = "closed its output" if code is None else f"ended with exit code {code}"
         return ProcessError(f"{self.name} {state}: {last}")
@@ -335,10 +334,16 @@ class Child:
             self.signal(signal.SIGCONT)
 
     def wait(self, timeout: float) -> int | None:
-        """Wait for the end and return the exit code; None if it does not end in time."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return self._process.wait(timeout)
-        return None
+        """Wait for the end and return the exit code; None if it does not end in time.
+
+        After the end the output is complete.
+        """
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            return None
+        self._join(1.0)
+        return code
 
     def finish(self, patience: float = PATIENCE) -> int:
         """End the process in order and return its exit code.

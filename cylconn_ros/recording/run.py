@@ -220,6 +220,11 @@ def read_run(path: Path | str, connector: str = "") -> Run:
     ------
         RecordingError: there is no recording, it was never finished, it has no such connector, or
             its metadata cannot be read.
+
+    Example::
+
+        recorded = cr.read_run("bag")
+        recorded.state["normal_force"], recorded.state.time, recorded.parameters
     """
     path = Path(path)
     declared: dict[str, Any] | None = None
@@ -350,7 +355,7 @@ def _disagreement(run: Run, declared: dict[str, Any] | None) -> str | None:
     for item in declared.get("topics_with_message_count", []):
         name, count = item["topic_metadata"]["name"], item["message_count"]
         if run.counts.get(name, 0) != count:
-            return f"{name}: metadata.yaml says {count} messages, found {run.counts.get(name, 0)}"
+            return f"{name}: metadata.yaml lists {count} messages, found {run.counts.get(name, 0)}"
     return None
 
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cylconn_ros.errors import RecordingError
+from cylconn_ros.errors import RecordingError, UnknownNameError
 
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 """Fields of a header stamp."""
+
+
+class UnknownFieldError(RecordingError, UnknownNameError):
+    """A topic has no field of this name; the message lists its fields."""
+
+    def __init__(self, topic: str, name: str, fields: Iterable[str]) -> None:
+        known = ", ".join(fields) or "none"
+        Exception.__init__(self, f"{topic} has no field {name!r}; it has {known}")
 
 
 @dataclass(frozen=True)
@@ -34,12 +42,11 @@ class Table:
         return len(self.log_time)
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        """Return the column of a field; raise RecordingError that lists the fields if unknown."""
+        """Return the column of a field; raise UnknownFieldError if there is none."""
         try:
             return self.columns[name]
         except KeyError:
-            known = ", ".join(self.columns) or "none"
-            raise RecordingError(f"{self.topic} has no field {name!r}; it has {known}") from None
+            raise UnknownFieldError(self.topic, name, self.columns) from None
 
     @property
     def stamp(self) -> npt.NDArray[np.int64]:

@@ -74,10 +74,10 @@ def _run(make: Callable[[Arguments], Node], arguments: Arguments) -> int:
         raise SceneError("; ".join([str(error), *arguments.unused])) from None
 
 
-def announce_compiling(entry: Callable[..., Any], say: Callable[[str], object]) -> None:
-    """Announce, in one line, that the first call of kernel ``entry`` will compile it."""
-    if not is_ready(entry):
-        say("compiling the physics, once: takes half a minute or more; later starts use the cache")
+def announce_compiling(kernel: Callable[..., Any], log: Callable[[str], object]) -> None:
+    """Log one line if the first call of ``kernel`` will compile it."""
+    if not is_ready(kernel):
+        log("compiling the physics, once: takes half a minute or more; later starts use the cache")
 
 
 @contextlib.contextmanager

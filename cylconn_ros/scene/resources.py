@@ -25,7 +25,12 @@ def share_directories() -> list[Path]:
 
 
 def shipped_scenes() -> dict[str, Path]:
-    """Files of the bundled scenes by name: of the checkout, else of the installation."""
+    """Files of the bundled scenes by name: of the checkout, else of the installation.
+
+    Example::
+
+        print(*cr.shipped_scenes())
+    """
     checkout = Path(cylconn_ros.__file__).resolve().parents[1]
     places = [checkout / "config"] if (checkout / "package.xml").is_file() else []
     places += [share / "cylconn_ros" / "config" for share in share_directories()]

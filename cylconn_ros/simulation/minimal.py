@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
-from cylconn_ros.methods.minimal import coordinates as place
-from cylconn_ros.methods.minimal import dense_output as report
+from cylconn_ros.methods.minimal import coordinates, dense_output
 from cylconn_ros.methods.minimal.derivatives import INTEGRALS
 from cylconn_ros.methods.minimal.events import LOG_WIDTH
 from cylconn_ros.methods.minimal.initial import tolerance_of
@@ -64,67 +63,67 @@ class Solution:
     @property
     def states(self) -> Array:
         """(N, 26) poses and twists of both bodies, as in a sample (core/layout.py)."""
-        return self.rows[:, : report.COORDINATES]
+        return self.rows[:, : dense_output.COORDINATES]
 
     @property
     def length(self) -> Array:
         """(N,) position in the slot, m."""
-        return self.rows[:, report.COORDINATES]
+        return self.rows[:, dense_output.COORDINATES]
 
     @property
     def angle(self) -> Array:
         """(N,) rad."""
-        return self.rows[:, report.COORDINATES + 1]
+        return self.rows[:, dense_output.COORDINATES + 1]
 
     @property
     def velocity(self) -> Array:
         """(N,) of the slide, m/s."""
-        return self.rows[:, report.COORDINATES + 2]
+        return self.rows[:, dense_output.COORDINATES + 2]
 
     @property
     def angular_velocity(self) -> Array:
         """(N,) of the spin, rad/s."""
-        return self.rows[:, report.COORDINATES + 3]
+        return self.rows[:, dense_output.COORDINATES + 3]
 
     @property
     def forces(self) -> Array:
         """(N, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a (moments: those of N)."""
-        return self.rows[:, report.FORCES : report.FRICTION]
+        return self.rows[:, dense_output.FORCES : dense_output.FRICTION]
 
     @property
     def friction(self) -> Array:
         """(N, 2) f1f, m1f."""
-        return self.rows[:, report.FRICTION : report.REACTION]
+        return self.rows[:, dense_output.FRICTION : dense_output.REACTION]
 
     @property
     def reaction(self) -> Array:
         """(N, 2) of stops and locks in f1, m1."""
-        return self.rows[:, report.REACTION : report.NORMAL]
+        return self.rows[:, dense_output.REACTION : dense_output.NORMAL]
 
     @property
     def normal_force(self) -> Array:
         """(N,) FN."""
-        return self.rows[:, report.NORMAL]
+        return self.rows[:, dense_output.NORMAL]
 
     @property
     def traction(self) -> Array:
         """(N,) P."""
-        return self.rows[:, report.TRACTION]
+        return self.rows[:, dense_output.TRACTION]
 
     @property
     def limit(self) -> Array:
         """(N,) what P may be."""
-        return self.rows[:, report.LIMIT]
+        return self.rows[:, dense_output.LIMIT]
 
     @property
     def regime(self) -> Array:
         """(N,) FRICTIONLESS, STICK or SLIP."""
-        return self.rows[:, report.REGIME]
+        return self.rows[:, dense_output.REGIME]
 
     @property
     def integrals(self) -> Array:
         """(N, 6) of |s|, FN, f1f, m1f, f1, m1 over time, with the impulses of events."""
-        return self.rows[:, report.INTEGRALS :]
+        return self.rows[:, dense_output.INTEGRALS :]
 
     @property
     def stop_time(self) -> float:
@@ -168,8 +167,8 @@ def solve(
     rtol = tolerance_of(par) if rtol is None else rtol
 
     log = np.zeros((MOST_EVENTS, LOG_WIDTH))
-    rows = np.zeros((len(wanted), report.WIDTH))
-    ran = report.trajectory(
+    rows = np.zeros((len(wanted), dense_output.WIDTH))
+    ran = dense_output.trajectory(
         par, joint, y, wanted, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps
     )
     if ran.blocked:
@@ -192,8 +191,8 @@ def initial(scene: Scene) -> tuple[Array, Array, Array]:
     ]  # fmt: skip
     sample[layout.LOADS] = [*scene.plant.body_a.load, *scene.plant.body_b.load]
     free = scene.body_a.kind == scene.body_b.kind == "free"
-    joint, y = np.zeros(place.NJOINT), np.zeros((17 if free else 4) + INTEGRALS)
-    report.initial_coordinates(par, sample, joint, y)
+    joint, y = np.zeros(coordinates.NJOINT), np.zeros((17 if free else 4) + INTEGRALS)
+    dense_output.initial_coordinates(par, sample, joint, y)
     return par, joint, y
 
 

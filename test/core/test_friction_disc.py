@@ -1,4 +1,4 @@
-"""Friction on the disc: the law, the selection rule, and no root skipped."""
+"""The friction disc: the law, its packing, the selection rule, and completeness of the search."""
 
 import math
 from collections.abc import Iterator
@@ -32,8 +32,39 @@ def law(mu: float = 0.5, **change: float) -> Law:
     return Law(**{**values, **change})  # type: ignore[arg-type]
 
 
+def test_a_packed_law_is_unpacked() -> None:
+    """All numbers differ, so that an exchange of two is found."""
+    packed = law(
+        0.3, static=0.5, decay=7.0, cap=90.0, preload=-3.0, rate_slope=1.4, force_slope=0.01,
+        rates=2, forces=3, table=20,
+    )  # fmt: skip
+    par = np.zeros(30)
+    par[4 : 4 + friction.SIZE] = friction.pack(packed)
+    assert friction.unpack(par, 4, 20) == packed
+
+
+def test_bounds_of_the_coefficient_hold_for_every_scene_parameter() -> None:
+    """Least, greatest coefficient and slopes bound mu, without and with a table."""
+    table = friction.Table([0.0, 0.1, 1.0], [0.0, 50.0], [0.4, 0.3, 0.3, 0.2, 0.25, 0.1])
+    given = {
+        "on": True, "coefficient": 0.2, "static_coefficient": 0.5, "decay": 10.0, "cap": math.inf,
+        "radius": 0.02, "overlap": 0.1, "preload": 1.0,
+    }  # fmt: skip
+    for case in (None, table):
+        made = friction.make_law(**given, table=case)  # type: ignore[arg-type]
+        par = np.array([] if case is None else [*case.rates, *case.forces, *case.values])
+        rates, forces = np.linspace(0.0, 1.5, 151), np.linspace(0.0, 60.0, 61)
+        mu = np.array([[friction.coefficient(made, par, s, f) for f in forces] for s in rates])
+        least, greatest = friction.least_coefficient(made), friction.greatest_coefficient(made)
+        assert least - 1e-12 <= mu.min() <= mu.max() <= greatest + 1e-12
+        slope = np.abs(np.diff(mu, axis=0)).max() / (rates[1] - rates[0])
+        assert 0.5 * made.rate_slope < slope <= made.rate_slope * (1.0 + 1e-9)
+        slope = np.abs(np.diff(mu, axis=1)).max() / (forces[1] - forces[0])
+        assert slope <= made.force_slope * (1.0 + 1e-9)
+
+
 def test_normal_force_is_the_formula() -> None:
-    """Distinct numbers, so that no two can be exchanged."""
+    """All numbers differ, so that an exchange of two is found."""
     for preload in (7.0, -40.0):
         c = friction.contact(law(preload=preload), (3.0, 4.0, 0.5, 1.2))
         assert c == pytest.approx((5.0, 1.3, 26.0, abs(31.0 + preload)))
@@ -87,7 +118,7 @@ def three_answers() -> slip_curve.DiscProblem:
     )
 
 
-def test_three_answers() -> None:
+def test_three_solutions() -> None:
     """Case 11: a sliding sleeve takes 3.5 N, not 9.5; a stuck one stays stuck."""
     sliding = friction_disc.solve_disc(law(0.5), PAR, three_answers(), False)
     assert sliding.regime == SLIP
@@ -98,8 +129,8 @@ def test_three_answers() -> None:
     assert stuck.phi == pytest.approx((-1000.0, 0.0))
 
 
-def test_other_answers() -> None:
-    """Where bounds want another answer: next to stick, or of least traction after stick too."""
+def test_alternative_solutions() -> None:
+    """If the limits need another solution: nearest to stick, or of least traction after stick."""
     resting = friction_disc.solve_alternative(law(0.5), PAR, three_answers(), False)
     assert resting.regime == STICK
     assert resting.phi == pytest.approx((-1000.0, 0.0))
@@ -120,7 +151,7 @@ def test_spin_frees_the_slide() -> None:
     assert math.hypot(*found.phi) == pytest.approx(5.0, rel=1e-14)
 
 
-def test_nothing_pressing_is_no_friction() -> None:
+def test_no_normal_force_is_no_friction() -> None:
     free = slip_curve.make_disc_problem(
         (1.0, 2.0), (1.0, 2.0), 1.0, 0.0, 1.0, *[(0.0, 0.0, 0.0, 0.0)] * 3
     )
@@ -143,7 +174,7 @@ def test_self_locking_stops_within_the_step() -> None:
 def problems(
     seed: int, n: int
 ) -> Iterator[tuple[Law, friction_disc.DiscProblem, np.ndarray, bool]]:
-    """Random problems over wide scales, jams and vanishing normal forces among them."""
+    """Random problems over wide scales, including jams and vanishing normal forces."""
     rng = np.random.default_rng(seed)
     for _ in range(n):
         s = rng.normal(size=(2, 2))
@@ -176,14 +207,14 @@ def problems(
 
 
 def normal_force(law_: Law, d: friction_disc.DiscProblem, phi: np.ndarray) -> np.ndarray:
-    """FN of phi (2, n), written again."""
+    """FN of phi (2, n), implemented independently."""
     f = [d.base[i] + d.c1[i] * phi[0] + d.c2[i] * phi[1] for i in range(4)]
     pressed = np.hypot(f[0], f[1]) + law_.bending * np.hypot(f[2], f[3]) + law_.preload
     return np.asarray(np.abs(pressed))
 
 
-def test_the_law_holds_and_the_named_root_is_taken() -> None:
-    """Laws D, S and K to 1e-11, and against a scan of all roots along the curve."""
+def test_the_law_holds_and_the_rule_selects_the_root() -> None:
+    """Friction limit, slip direction and stick to 1e-11; compared with a scan of all roots."""
     several = sticks = 0
     for law_, d, s, was_stick in problems(3, 1500):
         found = friction_disc.solve_disc(law_, PAR, d, was_stick)
@@ -238,8 +269,8 @@ def least_scanned(
     return None
 
 
-def test_inertias_beyond_rounding_end_too() -> None:
-    """70 t with an inertia of 1e-9 kg m^2 leave S indefinite by rounding: still an answer."""
+def test_extreme_inertias_have_a_solution() -> None:
+    """70 t with an inertia of 1e-9 kg m^2 leave S indefinite by rounding."""
     law_ = law(0.067, static=0.096, decay=0.476, rate_slope=0.0138, bending=4.17, preload=0.008)
     problem = slip_curve.make_disc_problem(
         (-96.12008971843107, -0.9044862930735948),
@@ -256,8 +287,8 @@ def test_inertias_beyond_rounding_end_too() -> None:
         assert np.all(np.isfinite([*found.phi, *found.s_end]))
 
 
-def test_a_held_component_at_rest_does_not_hide_the_other() -> None:
-    """Both held, spin at rest: slide's friction is the limit, in either search."""
+def test_a_component_at_a_limit_does_not_hide_the_other() -> None:
+    """Both at a limit, spin at rest: friction of slide is at its limit, in either search."""
     held = slip_curve.make_disc_problem(
         (1.0, 0.0), (6e-15, 0.0), 0.0, 0.0, 0.0, (10.0, 0, 0, 0), (0.0, 0, 0, 0), (0.0, 0, 0, 0)
     )

@@ -1,4 +1,4 @@
-"""One source, two ways to run it: compiled and plain Python answer alike; compiled code is kept."""
+"""Compiled code and plain Python compute the same; compiled code is cached."""
 
 import os
 import subprocess
@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scenes import about_y, bundled, pair, sleeve
 
+from cylconn_ros.connector import batch
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import jit, layout
-from cylconn_ros.methods import dispatch as methods
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import simulate
 
@@ -26,7 +26,7 @@ PENALTY = {"stiffness": 2e4, "damping": 40.0}
 
 
 def scenes() -> dict[str, Scene]:
-    """Methods, laws of friction, ways to hold a wrench, one body and two."""
+    """Methods, friction laws, forms of the held wrench, one and two free bodies."""
     decaying = {**FRICTION, "static_coefficient": 0.5, "decay": 10.0}
     tabled = {"radius": 0.02, "overlap": 0.05, "preload": 5.0, "table": TABLE}
     moving: dict[str, Any] = {
@@ -50,36 +50,36 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-def answers(scene: Scene) -> tuple[Any, Any, Any]:
-    """(N, NOUT) answers, (N, 26) states and (N,) energies of the closed loop of ``scene``."""
+def outputs(scene: Scene) -> tuple[Any, Any, Any]:
+    """(N, NOUT) outputs, (N, 26) states and (N,) energies of the closed loop of ``scene``."""
     run = simulate(scene, samples=SAMPLES)
     samples = np.zeros((SAMPLES, layout.NSAMPLE))
     samples[:, layout.MOTION] = run.states
-    samples[40, 3] = np.nan  # refused in passing
+    samples[40, 3] = np.nan  # refused
     return Connector(scene).run(samples), run.states, run.energy
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """What the same source answers as plain Python, from a process of its own."""
-    path = tmp_path_factory.mktemp("plain") / "answers.npz"
-    child(f"import test_compiled; test_compiled.save({str(path)!r})", CYLCONN_NO_COMPILER="1")
+    """Outputs of the same source as plain Python, computed in a separate process."""
+    path = tmp_path_factory.mktemp("plain") / "outputs.npz"
+    child(f"import test_jit; test_jit.save({str(path)!r})", CYLCONN_NO_COMPILER="1")
     with np.load(path) as saved:
         yield saved
 
 
 def save(path: str) -> None:
-    """Write the answers to all scenes."""
+    """Write the outputs for all scenes."""
     assert not jit.COMPILED
     arrays = {}
     for name, scene in scenes().items():
-        for part, array in zip(("outs", "states", "energy"), answers(scene), strict=True):
+        for part, array in zip(("outs", "states", "energy"), outputs(scene), strict=True):
             arrays[f"{name} {part}"] = array
     np.savez(path, **arrays)
 
 
 def child(code: str, **environment: str) -> str:
-    """The output of ``code`` in a process of its own."""
+    """The output of ``code`` in a separate process."""
     tests = Path(__file__).resolve().parent
     paths = os.pathsep.join([str(tests.parent), str(tests), os.environ.get("PYTHONPATH", "")])
     run = subprocess.run(
@@ -97,8 +97,8 @@ def test_tests_run_compiled() -> None:
 
 
 @pytest.mark.parametrize("name", list(scenes()))
-def test_plain_python_answers_alike(name: str, plain: Any) -> None:
-    for part, got in zip(("outs", "states", "energy"), answers(scenes()[name]), strict=True):
+def test_plain_python_computes_the_same(name: str, plain: Any) -> None:
+    for part, got in zip(("outs", "states", "energy"), outputs(scenes()[name]), strict=True):
         want = plain[f"{name} {part}"]
         scale = np.abs(want).max(axis=0)
         if part == "outs":
@@ -114,40 +114,45 @@ def test_compiled_code_is_loaded_by_the_next_process() -> None:
     code = (
         "import numpy as np; from scenes import bundled;"
         "from cylconn_ros.connector.connector import Connector;"
-        "from cylconn_ros.core import layout; from cylconn_ros.methods import step as methods;"
+        "from cylconn_ros.core import layout; from cylconn_ros.connector import batch;"
         "Connector(bundled('demo')).step(np.zeros(layout.NSAMPLE));"
-        "print(sum(methods.step.stats.cache_hits.values()), len(methods.step.stats.cache_misses))"
+        "print(sum(batch.step.stats.cache_hits.values()), len(batch.step.stats.cache_misses))"
     )
     assert child(code).split() == ["1", "0"]
 
 
-def test_an_entry_is_compiled_for_one_kind_of_arguments() -> None:
+def test_a_kernel_is_compiled_for_one_signature() -> None:
     samples, outs = np.zeros((2, layout.NSAMPLE)), np.zeros((2, layout.NOUT))
     connector = Connector(bundled("demo"))
     connector.step(samples[0])
     connector.step(samples[1], out=outs[1])
     connector.step(np.zeros(layout.NSAMPLE), h=1e-3)
-    assert len(methods.step.signatures) == 1  # type: ignore[attr-defined]
+    assert len(batch.step.signatures) == 1  # type: ignore[attr-defined]
 
 
-def test_another_state_of_the_sources_has_another_digest(tmp_path: Path) -> None:
-    sources = ("core/a.py", "methods/a.py", "recording/kernels.py")
-    for name in sources:
+def test_a_change_of_device_functions_changes_the_digest(tmp_path: Path) -> None:
+    device = "from cylconn_ros.core.jit import device_function\n"
+    sources = {
+        "core/constants.py": "x = 1\n",  # imported by a module with device functions
+        "methods/a.py": device + "from cylconn_ros.core import constants\n",
+        "recording/kernels.py": device,
+        "scene/other.py": "x = 1\n",  # no device functions
+    }
+    for name, text in sources.items():
         (tmp_path / name).parent.mkdir()
-        (tmp_path / name).write_text("x = 1\n")
+        (tmp_path / name).write_text(text)
     before = jit.digest(tmp_path)
     assert jit.digest(tmp_path) == before
-    for name in sources:  # also where the entry's own file is the same
-        (tmp_path / name).write_text("x = 2\n")
-        assert jit.digest(tmp_path) != before
-        (tmp_path / name).write_text("x = 1\n")
-    (tmp_path / "core" / "b.py").write_text("")
-    (tmp_path / "core" / "c.py").write_text("y = 1\n")
+    for name, text in sources.items():  # also if the kernel's own file is the same
+        (tmp_path / name).write_text(f"{text}y = 2\n")
+        assert (jit.digest(tmp_path) == before) == (name == "scene/other.py"), name
+        (tmp_path / name).write_text(text)
+    (tmp_path / "core" / "b.py").write_text(device)
     assert jit.digest(tmp_path) != before
 
 
 @pytest.mark.parametrize("variable", ["CYLCONN_CACHE_DIR", "XDG_CACHE_HOME"])
-def test_the_cache_lies_where_the_environment_says(
+def test_the_environment_sets_the_cache_directory(
     variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CYLCONN_CACHE_DIR", raising=False)
@@ -156,11 +161,11 @@ def test_the_cache_lies_where_the_environment_says(
     assert Path(jit.cache_directory()).is_dir()
 
 
-def test_the_cache_falls_back_to_temporary_files(
+def test_the_cache_falls_back_to_the_temporary_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "file"
-    file.write_text("in the way: no directory can be made below, whoever tries")
+    file.write_text("a file: no directory can be created below it")
     monkeypatch.setenv("CYLCONN_CACHE_DIR", str(file))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     assert Path(jit.cache_directory()).parent.parent == tmp_path

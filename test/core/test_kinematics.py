@@ -20,7 +20,7 @@ vector = st.tuples(finite, finite, finite)
 
 @st.composite
 def rotations(draw: st.DrawFn) -> Rotation:
-    """Turns of every size, those near nothing and near a half turn too."""
+    """Rotations of all sizes, including those near zero and near a half turn."""
     axis = np.array(draw(vector))
     size = float(np.linalg.norm(axis))
     axis = axis / size if size > 1e-3 else np.array([0.0, 0.6, 0.8])
@@ -30,7 +30,7 @@ def rotations(draw: st.DrawFn) -> Rotation:
 
 
 @given(rotations(), vector)
-def test_turns_agree_with_scipy(turn: Rotation, a: tuple[float, float, float]) -> None:
+def test_rotations_agree_with_scipy(turn: Rotation, a: tuple[float, float, float]) -> None:
     q = xyzw(turn)
     axes = vectors.matrix(q)
     np.testing.assert_allclose(np.array(axes).T, turn.as_matrix(), atol=1e-14)
@@ -39,7 +39,7 @@ def test_turns_agree_with_scipy(turn: Rotation, a: tuple[float, float, float]) -
 
 
 @given(rotations(), st.tuples(finite, finite, finite), st.sampled_from([1.0, 1e-3, 1e-5, 1e-9]))
-def test_turning_on_agrees_with_scipy(turn: Rotation, r: tuple, size: float) -> None:
+def test_a_further_rotation_agrees_with_scipy(turn: Rotation, r: tuple, size: float) -> None:
     r = (size * r[0], size * r[1], size * r[2])
     q = vectors.turned(xyzw(turn), r)
     expected = (Rotation.from_rotvec(r) * turn).as_matrix()
@@ -47,7 +47,7 @@ def test_turning_on_agrees_with_scipy(turn: Rotation, r: tuple, size: float) -> 
 
 
 @given(rotations(), st.tuples(*[st.floats(-1.0, 1.0)] * 6))
-def test_tensors_turn_with_their_frame(turn: Rotation, i: tuple) -> None:
+def test_tensors_rotate_with_their_frame(turn: Rotation, i: tuple) -> None:
     m = turn.as_matrix()
     full = np.array([[i[0], i[1], i[2]], [i[1], i[3], i[4]], [i[2], i[4], i[5]]])
     got = vectors.tensor_in(vectors.matrix(xyzw(turn)), i)
@@ -77,7 +77,7 @@ def test_swing_and_twist_make_up_the_orientation(angle: float, size: float, way:
     assert not found.half_turn
 
 
-def test_a_half_turn_of_swing_is_said() -> None:
+def test_a_half_turn_of_swing_is_flagged() -> None:
     found = kinematics.angles((0.0, 0.6, 0.8, 0.0))
     assert found.half_turn
     assert (found.misalignment_2, found.misalignment_3) == (-math.pi, 0.0)
@@ -126,7 +126,7 @@ def test_rates_are_the_derivatives_of_the_positions(
 
 
 def test_twenty_turns_are_counted() -> None:
-    """Case 10: the angle goes through every wrap; the material rotation counts from theta1ref."""
+    """Case 10: the angle passes several wraps; the material rotation starts from theta1ref."""
     scene = bundled("twenty_turns")
     from cylconn_ros.simulation.simulate import simulate
 
@@ -168,8 +168,8 @@ def test_a_twist_that_contradicts_the_poses_is_flagged() -> None:
         assert int(out[layout.FLAGS]) & layout.TWIST_CONTRADICTS == expected
 
 
-def test_a_plant_that_integrates_otherwise_is_noticed() -> None:
-    """The wrong target leaves disturbances undamped; positions against velocities tell."""
+def test_another_integration_of_the_plant_is_flagged() -> None:
+    """Positions compared with velocities show it; the wrong target leaves disturbances undamped."""
     for told, is_, flagged in (
         ("exact", "exact", False),
         ("exact", "semi_implicit", True),

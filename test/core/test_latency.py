@@ -1,4 +1,4 @@
-"""Late wrenches: answered for the state when they act, by a latency that is given or measured."""
+"""Delay compensation: wrenches computed for the time of action, with given or measured latency."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass
 class Loop:
-    """A run through a slow and lossy line: measured from the plant's side."""
+    """A run with delayed wrenches and lost samples, as seen by the plant."""
 
     energy: Array
     offset: Array
@@ -33,7 +33,7 @@ class Loop:
 
 
 def through(scene: Scene, late: int, steps: int, latency: int, lost: float = 0.0) -> Loop:
-    """The plant of ``scene``, its wrenches ``late`` periods on the way, some samples lost."""
+    """Run ``scene`` with wrenches delayed by ``late`` periods and some samples lost."""
     plant, connector = Plant(scene), Connector(dataclasses.replace(scene, latency=latency))
     rng = np.random.default_rng(1)
     way: list[Array] = [np.zeros(12)] * late
@@ -57,12 +57,12 @@ def through(scene: Scene, late: int, steps: int, latency: int, lost: float = 0.0
 
 
 def short(name: str) -> Scene:
-    """A scene of the library, answered by impulse."""
+    """A bundled scene with method impulse."""
     return dataclasses.replace(bundled(name), method="auto")
 
 
 def unheld(scene: Scene, late: int) -> float:
-    """Energy that the bodies take up before the first wrench arrives, J."""
+    """Energy that the bodies gain before the first wrench arrives, J."""
     plant, none = Plant(scene), np.zeros(6)
     start, speeds = plant.energy(), plant.state.copy()
     for _ in range(late):
@@ -76,11 +76,11 @@ def unheld(scene: Scene, late: int) -> float:
 
 
 @pytest.mark.parametrize("name", sorted(LIBRARY))
-def test_every_scene_of_the_library_stays_bounded(name: str) -> None:
+def test_every_bundled_scene_stays_bounded(name: str) -> None:
     """One to five samples of delay, given or measured; a tenth of the samples lost.
 
-    Until the first wrench arrives the bodies are free; until the latency is measured, which takes a
-    force that changes, wrenches may feed the motion; what they fed is bounded.
+    The bodies are free until the first wrench arrives. Until the latency is measured, which needs a
+    force that changes, wrenches may add energy; the added energy is bounded.
     """
     scene = short(name)
     steps = max(60, min(600, round(1.0 / scene.period)))
@@ -106,8 +106,8 @@ def test_every_scene_of_the_library_stays_bounded(name: str) -> None:
 
 
 @pytest.mark.parametrize("integration", ["exact", "semi_implicit"])
-def test_violation_is_as_without_delay(integration: str) -> None:
-    """Once settled; and without the prediction the same run diverges."""
+def test_constraint_errors_are_as_without_delay(integration: str) -> None:
+    """After the transient; without the prediction the same run diverges."""
     scene = dataclasses.replace(short("demo"), plant_integration=integration)
     prompt = simulate(scene, samples=600)["offset_violation"][300:].max()
     for late in (1, 2, 3, 5):
@@ -117,7 +117,7 @@ def test_violation_is_as_without_delay(integration: str) -> None:
 
 
 def test_the_latency_is_measured() -> None:
-    """Without being told, also where samples are lost; and none stays none."""
+    """Also if samples are lost; without delay the measured latency stays zero."""
     scene = short("demo")
     for late in (0, 1, 2, 4, 8):
         run = through(scene, late, 400, -1, 0.1)
@@ -126,8 +126,8 @@ def test_the_latency_is_measured() -> None:
     assert changed.memory[model.MEASURED_LATENCY] == 3.0
 
 
-def test_kinematics_are_the_samples_own() -> None:
-    """What is reported of positions belongs to the stamp, not to the time of action."""
+def test_the_reported_kinematics_are_those_of_the_sample() -> None:
+    """Reported positions belong to the stamp, not to the time of action."""
     scene = short("demo")
     run = through(scene, 3, 300, 3)
     length, speed = run.outs[:, layout.LENGTH], run.outs[:, layout.VELOCITY]
@@ -147,13 +147,13 @@ def test_unknown_inertia_lowers_the_gains() -> None:
     assert late[at] == pytest.approx(prompt[at] / 25.0)
     assert late[at + 2] == pytest.approx(prompt[at + 2] / 5.0)
     assert (
-        "stiffness lowered to 1/25"
+        "to 1/25"
         in Connector(Scene.from_parameters(settings | {"method": "penalty", "latency": 2})).model
     )
 
 
-def test_memory_holds_what_was_sent() -> None:
-    """Going back to a memory gives the same answers again."""
+def test_the_memory_includes_the_sent_wrenches() -> None:
+    """Restoring the memory reproduces the outputs."""
     scene = dataclasses.replace(short("demo"), latency=2)
     plant, connector = Plant(scene), Connector(scene)
     sample = np.zeros(layout.NSAMPLE)

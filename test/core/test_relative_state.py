@@ -1,4 +1,4 @@
-"""A body that is suddenly elsewhere: no work, no pull of stick; and what is known of the way."""
+"""Jumps of a body: no work, no pull towards the old stick position; sent wrenches are kept."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SHIFT = (0.1, 0.02, -0.01)  # m
 
 
 def scene_of(name: str, latency: int = 0) -> Scene:
-    """A scene of the library, answered by what `auto` picks."""
+    """A bundled scene with method auto."""
     return dataclasses.replace(bundled(name), method="auto", latency=latency)
 
 
 def teleported(scene: Scene, steps: int, late: int, shift: Array) -> tuple[Array, Array]:
-    """(N, 26) states and (N, NOUT) answers; B is put elsewhere at half time."""
+    """(N, 26) states and (N, NOUT) outputs; B is teleported after half of the samples."""
     plant, connector = Plant(scene), Connector(scene)
     way: list[Array] = [np.zeros(12)] * late
     sample = np.zeros(layout.NSAMPLE)
@@ -48,7 +48,7 @@ def teleported(scene: Scene, steps: int, late: int, shift: Array) -> tuple[Array
 @pytest.mark.parametrize("late", [0, 2])
 @pytest.mark.parametrize("name", ["jam", "incline_stick", "journal_verge"])
 def test_stick_does_not_pull_a_body_back(name: str, late: int) -> None:
-    """It holds the place to which the body was put: no force along the shaft for that."""
+    """Stick holds the new position: there is no force along the shaft towards the old one."""
     scene = scene_of(name, late)
     states, outs = teleported(scene, 200, late, np.array(SHIFT))
     assert outs[99, layout.REGIME] == layout.STICK
@@ -60,8 +60,8 @@ def test_stick_does_not_pull_a_body_back(name: str, late: int) -> None:
 
 @pytest.mark.parametrize("late", [0, 2])
 @pytest.mark.parametrize("name", ["free_slide", "dry_friction_oscillator", "latch", "coast"])
-def test_a_jump_is_no_work(name: str, late: int) -> None:
-    """Along the shaft nothing is pulled in: the balance goes on as if nothing had been."""
+def test_a_jump_does_no_work(name: str, late: int) -> None:
+    """There is no constraint along the shaft: the passivity balance continues without a step."""
     scene = scene_of(name, late)
     steps = 300
     _, outs = teleported(scene, steps, late, np.array([1e-9, 0.0, 0.0]))
@@ -81,14 +81,14 @@ def _direction(scene: Scene) -> Array:
 
 @pytest.mark.parametrize("name", ["jam", "incline_stick", "stuck_pair", "demo"])
 def test_the_laws_hold_across_a_jump(name: str) -> None:
-    """The checker knows of it too."""
+    """The checker of the laws detects the jump as well."""
     scene = scene_of(name)
     states, outs = teleported(scene, 300, 0, np.array(SHIFT))
     assert first_violation(dataclasses.replace(scene, method="impulse"), states, outs) == ""
 
 
-def test_what_is_on_its_way_is_known_after_stamps_went_back() -> None:
-    """A new history under wrenches of the old one: answered as if it had gone on."""
+def test_sent_wrenches_are_kept_after_stamps_went_back() -> None:
+    """A new history while wrenches of the old one still act: outputs as in a continued run."""
     scene = scene_of("demo", 3)
     plant, connector = Plant(scene), Connector(scene)
     way: list[Array] = [np.zeros(12)] * 3
@@ -113,8 +113,8 @@ def test_what_is_on_its_way_is_known_after_stamps_went_back() -> None:
 
 
 @pytest.mark.parametrize("late", [1, 2, 4])
-def test_latency_is_measured_where_samples_are_lost(late: int) -> None:
-    """Also the first after the first wrench; and the account is that of energy."""
+def test_latency_is_measured_if_samples_are_lost(late: int) -> None:
+    """Also if the first sample after the first wrench is lost; the balance is that of energy."""
     scene = scene_of("demo", -1)
     plant, connector = Plant(scene), Connector(scene)
     way: list[Array] = [np.zeros(12)] * late

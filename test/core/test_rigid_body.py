@@ -58,7 +58,7 @@ def errors(scene: Scene, duration: float, *, in_body: bool = False) -> tuple[flo
     )
 
 
-def test_a_held_wrench_moves_the_body_as_newton_and_euler_say() -> None:
+def test_a_held_wrench_moves_the_body_by_newton_and_euler() -> None:
     scene = tumbling()
     periods = [0.0095, 0.008, 0.0065, 0.005, 0.004]  # a single inner step each
     found = [errors(scene, h) for h in periods]
@@ -96,7 +96,7 @@ def test_a_semi_implicit_plant_is_first_order() -> None:
 
 @pytest.mark.parametrize("axes", ["body", "world"])
 @pytest.mark.parametrize("point", ["origin", "com"])
-def test_the_same_wrench_in_every_form_moves_the_body_the_same(axes: str, point: str) -> None:
+def test_every_form_of_a_wrench_moves_the_body_the_same(axes: str, point: str) -> None:
     scene = tumbling(wrench={"axes": axes, "point": point})
     start = Plant(scene).state[13:]
     turn = rotation(start[3:7])
@@ -119,7 +119,7 @@ def test_loads_act_at_the_body_origin() -> None:
     np.testing.assert_allclose(loaded.state, pushed.state, atol=1e-15)
 
 
-def test_what_a_plant_cannot_move_is_refused() -> None:
+def test_a_plant_refuses_bodies_without_inertia() -> None:
     with pytest.raises(SceneError, match=r"period = 0\.0: must be > 0 s for a plant"):
         Plant(with_period(sleeve(), 0.0))
     gains = {"stiffness": 1e4, "damping": 10.0}

@@ -1,4 +1,4 @@
-"""The CDR readers and writers against ROS's own serialisation, and against garbage."""
+"""CDR decoders and encoders against the serialization of ROS, and with damaged bytes."""
 
 import contextlib
 import struct
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from cylconn_ros.msg import ConnectorState
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 
 from cylconn_ros.core import layout
 from cylconn_ros.messages import cdr_decoder, cdr_encoder
+from cylconn_ros.scene.inputs import INPUTS, InputType
 
 STAMP = 7_000_000_009
 READERS: list[Callable[[bytes], object]] = [
@@ -85,7 +86,7 @@ MESSAGES = [pose_message, twist_message, wrench_message, odometry_message, joint
 
 
 def assert_same(data, message):
-    """Assert that bytes are a message; ROS leaves what it finds in the padding, so not by bytes."""
+    """Assert that bytes are a message, by its fields: ROS does not initialise the padding."""
     assert len(data) == len(serialize_message(message))
     assert deserialize_message(data, type(message)) == message
 
@@ -98,7 +99,7 @@ def swap(data: bytes, layout_: str) -> bytes:
 
 
 @frames
-def test_pose_is_read(frame):
+def test_pose_is_decoded(frame):
     read = cdr_decoder.read_pose(serialize_message(pose_message(frame)))
     assert read == (STAMP, frame, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0))
 
@@ -108,13 +109,13 @@ def test_pose_is_read(frame):
     ("make", "read"),
     [(twist_message, cdr_decoder.read_twist), (wrench_message, cdr_decoder.read_wrench)],
 )
-def test_twist_and_wrench_are_read(make, read, frame):
+def test_twist_and_wrench_are_decoded(make, read, frame):
     assert read(serialize_message(make(frame))) == (STAMP, frame, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
 
 
 @frames
 @pytest.mark.parametrize("child", ["", "b", "body_b"])
-def test_odometry_is_read(frame, child):
+def test_odometry_is_decoded(frame, child):
     read = cdr_decoder.read_odometry(serialize_message(odometry_message(frame, child)))
     assert (read.stamp, read.frame, read.child_frame) == (STAMP, frame, child)
     assert read.pose == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
@@ -122,33 +123,33 @@ def test_odometry_is_read(frame, child):
 
 
 @frames
-def test_joint_state_is_read(frame):
+def test_joint_state_is_decoded(frame):
     read = cdr_decoder.read_joint_state(serialize_message(joint_message(frame)))
     assert read[:3] == (STAMP, frame, ("slide", "spin"))
     assert read[3:] == ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
 
 
-def test_joint_state_without_numbers_is_read():
+def test_joint_state_without_numbers_is_decoded():
     read = cdr_decoder.read_joint_state(serialize_message(stamped(JointState(), "f")))
     assert read == (STAMP, "f", (), (), (), ())
 
 
-def test_big_endian_is_read():
-    # "abc" and its zero end at 16, so the numbers stand at 16: no padding
+def test_big_endian_is_decoded():
+    # The header with "abc" and its zero ends at byte 16 of the body: no padding before the numbers
     data = swap(serialize_message(pose_message("abc")), "iII4s7d")
     assert cdr_decoder.read_pose(data) == (STAMP, "abc", (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0))
 
 
-def test_stamp_before_the_epoch_is_read():
+def test_stamp_before_the_epoch_is_decoded():
     message = pose_message("f")
     message.header.stamp.sec, message.header.stamp.nanosec = -2, 5
     assert cdr_decoder.read_stamp(serialize_message(message)) == -2_000_000_000 + 5
 
 
 @frames
-def test_stamped_writer_writes_what_ros_reads(frame):
+def test_stamped_encoder_agrees_with_ros(frame):
     writer = cdr_encoder.StampedWriter(frame)
-    writer.write(1, np.zeros(6))  # nothing of it may be left
+    writer.write(1, np.zeros(6))  # must not affect the next message
     data = writer.write(STAMP, np.arange(1.0, 7.0))
     assert_same(data, wrench_message(frame))
     data = cdr_encoder.StampedWriter(frame, 7).write(STAMP, np.arange(1.0, 8.0))
@@ -156,21 +157,21 @@ def test_stamped_writer_writes_what_ros_reads(frame):
 
 
 @frames
-def test_odometry_writer_writes_what_ros_reads(frame):
+def test_odometry_encoder_agrees_with_ros(frame):
     writer = cdr_encoder.OdometryWriter(frame, "child")
     data = writer.write(STAMP, np.arange(1.0, 8.0), np.arange(8.0, 14.0))
     assert_same(data, odometry_message(frame))
 
 
 @frames
-def test_joint_state_writer_writes_what_ros_reads(frame):
+def test_joint_state_encoder_agrees_with_ros(frame):
     writer = cdr_encoder.JointStateWriter(frame, ("slide", "spin"))
     data = writer.write(STAMP, (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
     assert_same(data, joint_message(frame))
 
 
 @frames
-def test_state_writer_writes_every_field(frame):
+def test_state_encoder_writes_every_field(frame):
     out = np.arange(1.0, layout.NOUT + 1.0)
     whole = (2, 5, 3, 1, 0xFFFF0102)
     out[layout.REGIME :] = whole
@@ -188,11 +189,36 @@ def test_state_writer_writes_every_field(frame):
     assert_same(data, message)
 
 
+@frames
+def test_a_new_input_type_is_one_row_of_the_table(frame):
+    """A type with another set of quantities is decoded and encoded without code of its own."""
+    kind = InputType("transform", "geometry_msgs/msg/TransformStamped", "", 56, pose=0,
+                     has_child_frame=True)  # fmt: skip
+    message = stamped(TransformStamped(), frame)
+    message.child_frame_id = "child"
+    point, q = message.transform.translation, message.transform.rotation
+    point.x, point.y, point.z, q.x, q.y, q.z, q.w = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
+    found = cdr_decoder.read_input(kind, serialize_message(message))
+    assert found == (STAMP, frame, "child", (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0), ())
+    writer = cdr_encoder.InputWriter(kind, frame, "child")
+    assert_same(writer.write(STAMP, np.arange(1.0, 8.0), np.zeros(6)), message)
+
+
+@pytest.mark.parametrize("kind", INPUTS, ids=lambda kind: kind.topic)
+def test_input_types_agree_with_ros(kind):
+    make = {"pose": pose_message, "twist": twist_message, "load": wrench_message,
+            "odom": odometry_message}[kind.topic]  # fmt: skip
+    message = make("frame")
+    found = cdr_decoder.read_input(kind, serialize_message(message))
+    writer = cdr_encoder.InputWriter(kind, "frame", "child")
+    assert_same(writer.write(STAMP, np.array(found.pose), np.array(found.pair)), message)
+
+
 @pytest.mark.parametrize("make", MESSAGES)
 def test_cut_off_or_too_long_messages_are_refused(make):
     reader = READERS[MESSAGES.index(make)]
     data = serialize_message(make("body_b"))
-    reader(data + b"\x00" * 3)  # padding is no fault
+    reader(data + b"\x00" * 3)  # padding is accepted
     for end in range(len(data) - 3):
         with pytest.raises(cdr_decoder.CdrError):
             reader(data[:end])
@@ -216,7 +242,7 @@ def test_impossible_stamp_is_refused():
 
 @pytest.mark.parametrize("reader", READERS)
 @given(data=st.binary(max_size=900))
-def test_garbage_is_refused_and_nothing_else(reader, data):
+def test_random_bytes_are_decoded_or_raise_cdr_error(reader, data):
     for head in (b"", b"\x00\x01\x00\x00", b"\x00\x00\x00\x00"):
         with contextlib.suppress(cdr_decoder.CdrError):
             reader(head + data)
@@ -224,7 +250,7 @@ def test_garbage_is_refused_and_nothing_else(reader, data):
 
 @pytest.mark.parametrize("make", MESSAGES)
 @given(at=st.integers(0, 60), value=st.binary(min_size=1, max_size=4))
-def test_damaged_messages_never_break_the_reader(make, at, value):
+def test_damaged_messages_are_decoded_or_raise_cdr_error(make, at, value):
     data = bytearray(serialize_message(make("body_b")))
     data[at : at + len(value)] = value
     with contextlib.suppress(cdr_decoder.CdrError):

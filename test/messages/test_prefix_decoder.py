@@ -231,7 +231,13 @@ def test_the_fused_path_publishes_the_outputs_of_the_reference_path(seed, monkey
 def test_messages_with_a_known_prefix_are_not_decoded(monkeypatch):
     loop = Loop(make())
     loop.step()
-    monkeypatch.setattr(cdr_decoder, "read_input", lambda *_: pytest.fail("decoded"))
+    read_input = cdr_decoder.read_input
+
+    def read_load(kind, data):
+        """The plant decodes wrenches; poses and twists must not be decoded."""
+        return pytest.fail("decoded") if kind.carries_motion else read_input(kind, data)
+
+    monkeypatch.setattr(cdr_decoder, "read_input", read_load)
     for _ in range(5):
         loop.step()
     assert loop.pipeline.matcher.counts.samples == 6

@@ -1,4 +1,4 @@
-"""The augmented Lagrangian: no giving way, and gains that are lowered before they do harm."""
+"""Method augmented_lagrangian: no steady-state deflection; unstable gains are lowered."""
 
 import math
 from typing import Any
@@ -19,7 +19,7 @@ FRICTION = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1}
 
 
 def unknown(scene: Scene, method: str = "augmented_lagrangian", **gains: Any) -> Scene:
-    """The same scene for a connector that does not know body B's inertia; the plant does."""
+    """The same scene with unknown inertia of body B for the connector; the plant knows it."""
     values = {**scene.parameters(), "body_b.kind": "unknown", "method": method}
     values.update({f"penalty.{name}": gain for name, gain in {**GAINS, **gains}.items()})
     return Scene.from_parameters(values)
@@ -33,8 +33,8 @@ def lowered(found: Run) -> np.ndarray:
     return (found.outs[:, layout.FLAGS].astype(int) & GAINS_LOWERED) != 0
 
 
-def test_at_rest_it_does_not_give() -> None:
-    """Where the penalty method sags by m g/k, the multiplier takes the load over."""
+def test_there_is_no_steady_state_deflection() -> None:
+    """The penalty method deflects by m g/k; here the multiplier takes over the load."""
     scene = sleeve(mass=2.0, v=0.1, friction=FRICTION)
     penalty = run(unknown(scene, "penalty"), 1.5)
     found = run(unknown(scene), 1.5)
@@ -44,8 +44,8 @@ def test_at_rest_it_does_not_give() -> None:
     assert not lowered(found).any()
 
 
-def test_it_coasts_to_rest_as_far_as_penalty_does() -> None:
-    """Case 1; the sag at the start has friction off its value for a few hundredths of a second."""
+def test_the_distance_to_rest_is_that_of_penalty() -> None:
+    """Case 1; the initial deflection changes friction for a few hundredths of a second."""
     friction = {"coefficient": 0.2, "radius": 0.02, "preload": 5.0}
     found = run(unknown(sleeve(mass=2.0, v=1.0, friction=friction)), 1.0)
     assert found["displacement"][-1] == pytest.approx(0.2030868, rel=5e-4)
@@ -53,8 +53,8 @@ def test_it_coasts_to_rest_as_far_as_penalty_does() -> None:
     assert np.ptp(found["displacement"][-200:]) < 1e-6
 
 
-def test_friction_is_the_penalty_methods() -> None:
-    """Elastic stick, and on the disc while it slides."""
+def test_friction_is_that_of_penalty() -> None:
+    """Elastic stick, and friction at its limit in slip."""
     scene = unknown(sleeve(shaft=about_y(0.1), friction=FRICTION), stick_stiffness=1e5)
     found = run(scene, 1.0)
     weight = 2.0 * 9.81 * math.sin(0.1)
@@ -72,8 +72,8 @@ def test_friction_is_the_penalty_methods() -> None:
     assert np.all(power[1:] < 0.0)
 
 
-def test_the_first_answer_is_the_penalty_methods() -> None:
-    """A lean model: with an empty multiplier only rho k e differs."""
+def test_the_first_step_is_that_of_penalty() -> None:
+    """With a zero multiplier only rho k e differs."""
     scene = pair(friction=FRICTION)
     first, same = (
         run(unknown(scene, method), 0.0).outs[0] for method in ("augmented_lagrangian", "penalty")
@@ -103,7 +103,7 @@ def test_two_free_bodies_keep_their_momentum() -> None:
     ],
 )
 def test_unstable_gains_are_lowered(stiffness: float, damping: float) -> None:
-    """What makes the penalty method diverge is seen in time, said, and settles."""
+    """Gains with which penalty diverges are lowered in time, flagged, and the motion is damped."""
     arm = 0.1**2
     gains: dict[str, Any] = {
         "stiffness": stiffness,
@@ -125,16 +125,16 @@ def test_unstable_gains_are_lowered(stiffness: float, damping: float) -> None:
     assert np.all(found.outs[:, layout.STATUS] == layout.OK)
 
 
-def test_a_gain_asked_for_is_used_until_it_proves_unstable() -> None:
-    """Rho < c h/m = 0.2: with 0.1 it settles as it is; 0.5 is halved till it does."""
+def test_the_requested_gain_is_used_until_it_is_unstable() -> None:
+    """The bound is rho < c h/m = 0.2: 0.1 is stable unchanged; 0.5 is lowered until stable."""
     for rho, lower in ((0.1, False), (0.5, True)):
         found = run(unknown(sleeve(mass=2.0, v=0.1), multiplier_gain=rho), 2.0)
         assert lowered(found).any() == lower
         assert found["offset_violation"][-1] < 1e-9
 
 
-def test_passivity_account_is_bounded() -> None:
-    """W less the spring's energy: at most the pull-in work and 1 % of the energy exchanged."""
+def test_the_passivity_balance_is_bounded() -> None:
+    """W minus the spring's energy is at most the pull-in work and 1 % of the energy exchanged."""
     found = run(unknown(sleeve(mass=2.0, v=0.5, spin=10.0, com=(0.01, 0.002, 0.0))), 1.0)
     stored = 0.5 * GAINS["stiffness"] * found["offset_violation"] ** 2
     stored += 0.5 * GAINS["rotational_stiffness"] * found["angular_violation"] ** 2
@@ -143,8 +143,8 @@ def test_passivity_account_is_bounded() -> None:
     assert np.all(balance + stored <= pull_in + 0.01 * exchanged)
 
 
-def test_it_forgets_with_the_connector() -> None:
-    """Reset brings back the gains asked for and an empty multiplier."""
+def test_reset_restores_the_gains() -> None:
+    """Reset restores the requested gains and a zero multiplier."""
     scene = unknown(sleeve(mass=2.0, v=0.1), multiplier_gain=0.5)
     connector, plant = Connector(scene), Plant(scene)
     sample = np.zeros(layout.NSAMPLE)
@@ -161,7 +161,7 @@ def test_it_forgets_with_the_connector() -> None:
     np.testing.assert_array_equal(answers[0], answers[1])
 
 
-def test_what_it_needs_is_what_penalty_needs() -> None:
+def test_it_needs_the_gains_of_penalty() -> None:
     scene = sleeve(**merged({}, {"body_b": {"kind": "unknown"}, "method": "augmented_lagrangian"}))
     with pytest.raises(ValueError, match=r"penalty\.stiffness = \.nan: .* augmented_lagrangian"):
         Connector(scene)

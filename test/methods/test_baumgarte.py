@@ -1,4 +1,4 @@
-"""Baumgarte's method: first order, close to the constraint, and creeping where it should hold."""
+"""Method baumgarte: first order, bounded drift, and creep in place of stick."""
 
 import math
 
@@ -20,7 +20,7 @@ FRICTION = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1}
 
 
 def textbook(scene: Scene, **parameters: float) -> Scene:
-    """The same scene, answered by Baumgarte's method."""
+    """The same scene with method baumgarte."""
     values = {**scene.parameters(), "method": "baumgarte"}
     values.update({f"baumgarte.{name}": value for name, value in parameters.items()})
     return Scene.from_parameters(values)
@@ -30,7 +30,7 @@ def run(scene: Scene, duration: float) -> Run:
     return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
-def test_its_own_equations_are_met() -> None:
+def test_its_equations_hold() -> None:
     """Accelerations by finite differences of the exact plant: -2 alpha w - beta^2 e."""
     h = 1e-6
     start = pair(friction=FRICTION, node_a={"position": [0.01, -0.02, 0.03]})
@@ -71,8 +71,8 @@ def test_two_free_bodies_are_of_first_order(friction: dict[str, float]) -> None:
     assert errors[-1] < 1e-3
 
 
-def test_the_constraint_drifts_no_further_than_the_feedback_lets_it() -> None:
-    """Offsets of second order or better; without feedback to speak of they run away."""
+def test_the_feedback_bounds_the_drift() -> None:
+    """Offsets are of second order or better; with negligible feedback they diverge."""
     scene = with_period(pair(friction=FRICTION), 1e-3)
     held = run(textbook(scene), 1.0)["offset_violation"]
     loose = run(textbook(scene, alpha=1e-3, beta=1e-3), 1.0)["offset_violation"]
@@ -98,7 +98,7 @@ def test_friction_uses_the_normal_force_of_the_same_instant() -> None:
     assert found["force"][0, 0] == pytest.approx(-share * mu * 3.0 / (1.0 - c), rel=1e-12)
 
 
-def test_of_several_solutions_it_takes_the_least() -> None:
+def test_the_least_of_several_solutions_is_used() -> None:
     """Case 11: 3.5 N, not 9.5 N; in the limit of a small v0."""
     scene = sleeve(
         mass=1.0,
@@ -114,8 +114,8 @@ def test_of_several_solutions_it_takes_the_least() -> None:
 
 @pytest.mark.parametrize("preload", [30.0, -8.0])
 @pytest.mark.parametrize("scene", [sleeve, pair])
-def test_laws_of_balance_disc_and_dissipation(scene: object, preload: float) -> None:
-    """A, D and E on every sample, and what is published adds up to nothing."""
+def test_balance_friction_limit_and_dissipation(scene: object, preload: float) -> None:
+    """On every sample; the published wrenches are opposite."""
     friction = {**FRICTION, "coefficient": 0.4, "preload": preload, "max_force": 11.0}
     start = scene(v=0.5, spin=20.0, friction=friction)  # type: ignore[operator]
     values = {**start.parameters(), "wrench.axes": "world"}
@@ -143,7 +143,7 @@ def test_laws_of_balance_disc_and_dissipation(scene: object, preload: float) -> 
         np.testing.assert_allclose(found[total][:, 0], added, rtol=1e-12, atol=1e-15)
 
 
-def test_it_creeps_where_it_should_hold() -> None:
+def test_it_creeps_in_place_of_stick() -> None:
     """On a slope below the friction angle: the faster the greater v0, or the longer the period."""
     slope = 0.5 * math.atan(0.3)
     friction = {**FRICTION, "coefficient": 0.3}
@@ -161,7 +161,7 @@ def test_it_creeps_where_it_should_hold() -> None:
 
 
 def test_a_jam_stops_within_a_period() -> None:
-    """No finite sliding force (c > 1): what takes the slip away within the period, and flagged."""
+    """No finite slip force (c > 1): friction removes the slip within the period and is flagged."""
     scene = sleeve(
         mass=1.0,
         com=(0.0, 0.0, 0.1),
@@ -176,7 +176,7 @@ def test_a_jam_stops_within_a_period() -> None:
     assert found.energy[-1] < found.energy[0]
 
 
-def test_a_large_error_is_pulled_in_at_a_bounded_speed() -> None:
+def test_the_correction_speed_of_a_large_error_is_bounded() -> None:
     scene = sleeve(node_a={"position": [0.0, 0.0, 0.1]}, reference={"offsets": "zero"})
     found = run(textbook(scene), 0.5)
     assert int(found.outs[0, layout.FLAGS]) & MISALIGNED
@@ -184,8 +184,8 @@ def test_a_large_error_is_pulled_in_at_a_bounded_speed() -> None:
     assert run(textbook(scene), 1.5)["offset_violation"][-1] < 1e-6
 
 
-def test_a_lean_model_is_the_full_one_with_zeros() -> None:
-    """Friction whose coefficient is zero everywhere is no friction."""
+def test_a_reduced_model_equals_the_full_one_with_zeros() -> None:
+    """A coefficient that is zero everywhere is no friction."""
     lean = run(textbook(pair()), 0.2)
     table = {"rates": [0.0, 1.0], "forces": [0.0, 10.0], "values": [0.0] * 4}
     full = run(textbook(pair(friction={"radius": 0.02, "overlap": 0.1, "table": table})), 0.2)
@@ -201,8 +201,8 @@ def test_it_needs_inertia_and_has_no_stops() -> None:
         Scene.from_parameters({**values, "stops.l_max": 1.0})
 
 
-def test_the_plant_gets_what_is_asked_for_whatever_the_form() -> None:
-    """Axes, point and holding of the wrench change nothing that matters but by its order."""
+def test_the_form_of_the_wrench_does_not_change_the_motion() -> None:
+    """Axes, point and hold of the wrench change the motion by the order of the method only."""
     ends = []
     for axes, point in (("body", "origin"), ("world", "com"), ("world", "origin")):
         values = {
@@ -223,7 +223,7 @@ def test_momentum_is_exchanged_exactly_at_the_sample() -> None:
     np.testing.assert_allclose(found.plant.momentum()[3:], before[3:], rtol=2e-3)
 
 
-def test_the_model_is_named() -> None:
+def test_the_description_names_the_method() -> None:
     assert Connector(textbook(sleeve())).model.startswith("method baumgarte")
 
 
@@ -238,8 +238,8 @@ def test_imposed_force_acts_and_imposed_motion_is_refused() -> None:
         connector.impose("spin", velocity=1.0)
 
 
-def test_random_extremes_keep_the_laws() -> None:
-    """Finite, within the disc and against the slip, whatever the scales."""
+def test_the_laws_hold_for_random_extreme_scenes() -> None:
+    """Outputs are finite, friction is within its limit and opposes slip, for all scales."""
     rng = np.random.default_rng(7)
     jammed = relieved = 0
     for k in range(200):
@@ -280,7 +280,7 @@ def test_random_extremes_keep_the_laws() -> None:
 
 @pytest.mark.parametrize("preload", [5.0, -30.0])
 def test_a_table_over_the_force_and_a_constant_agree(preload: float) -> None:
-    """The search by greatest slopes against Newton's method."""
+    """The search with the greatest slopes compared with Newton's method."""
     law = {"radius": 0.02, "overlap": 0.1, "preload": preload}
     flat = {"rates": [0.0], "forces": [0.0, 1.0], "values": [0.3, 0.3 + 1e-13]}
     outs = [

@@ -1,4 +1,4 @@
-"""The impulse method: laws of a step, invariances, convergence against independent references."""
+"""Method impulse: laws of a step, invariances, convergence to independent references."""
 
 import dataclasses
 import math
@@ -43,10 +43,10 @@ def wrenches(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     st.sampled_from([0.0, 0.05, 0.3]),
     st.sampled_from(["world", "body"]),
 )
-def test_a_step_exchanges_momentum_and_takes_energy(
+def test_a_step_exchanges_momentum_and_dissipates_energy(
     exponent: float, mu: float, v: float, spin: float, overlap: float, axes: str
 ) -> None:
-    """Laws A and E from outside: what one body loses the other gains, friction only takes."""
+    """One body gains the momentum that the other loses; friction only dissipates."""
     friction = {"coefficient": mu, "radius": 0.02, "overlap": overlap, "preload": 1.0}
     scene = pair(mass_a=10.0**exponent, v=v, spin=spin, friction=friction, wrench={"axes": axes})
     plant, connector = Plant(scene), Connector(scene)
@@ -66,7 +66,7 @@ def test_a_step_exchanges_momentum_and_takes_energy(
 
 
 def test_action_and_reaction() -> None:
-    """Opposite forces; torques about any point cancel where the wrench acts, half a period on."""
+    """Opposite forces; torques about any point cancel in the configuration half a period later."""
     scene = pair(friction=FRICTION, wrench={"axes": "world", "point": "com"})
     state = Plant(scene).state
     out = Connector(scene).step(np.concatenate([state, np.zeros(12)]))
@@ -124,7 +124,7 @@ def swapped(scene: Scene) -> Scene:
 
 
 def parting(one: Scene, other: Scene, *, exchanged: bool = False) -> list[float]:
-    """How far the motions of two scenes are apart after 0.3 s, over falling periods."""
+    """Differences between the motions of two scenes after 0.3 s, over decreasing periods."""
     apart = []
     for h in PERIODS:
         a, b = run(with_period(one, h), 0.3).states[-1], run(with_period(other, h), 0.3).states[-1]
@@ -148,7 +148,7 @@ def test_swapping_the_bodies_leaves_the_motion(friction: dict) -> None:
     assert apart[2] < 1e-4
 
 
-def test_the_place_of_node_b_matters_only_for_bending() -> None:
+def test_the_position_of_node_b_matters_only_for_bending() -> None:
     """A shift along the axis changes nothing without friction or with L = 0; it does with L > 0."""
     far: dict[str, Any] = {"node_b": {"position": [0.15, 0.0, 0.0]}}
     for friction in ({}, FLAT):
@@ -159,8 +159,8 @@ def test_the_place_of_node_b_matters_only_for_bending() -> None:
     assert min(apart) > 1e-3
 
 
-def test_the_world_may_be_turned() -> None:
-    """Turning the whole scene turns the answer with it: same numbers in the body's axes."""
+def test_outputs_are_invariant_under_rotation_of_the_world() -> None:
+    """A rotation of the whole scene leaves the numbers in the body's axes unchanged."""
     turn = about_y(0.7)
     plain = sleeve(v=0.5, spin=10.0, com=(0.01, 0.02, 0.0), friction=FRICTION)
     gravity = rotation(turn) @ np.array(plain.gravity)
@@ -173,7 +173,7 @@ def test_the_world_may_be_turned() -> None:
     np.testing.assert_allclose(one["displacement"], other["displacement"], atol=1e-12)
 
 
-def test_a_lean_model_is_the_full_one_with_zeros() -> None:
+def test_a_reduced_model_equals_the_full_one_with_zeros() -> None:
     base = pair(friction={**FRICTION, "overlap": 0.0})
     full = dataclasses.replace(
         base, friction=dataclasses.replace(base.friction, overlap=1e300, static_coefficient=0.2)
@@ -188,7 +188,7 @@ def test_a_lean_model_is_the_full_one_with_zeros() -> None:
 
 
 def test_second_order_on_the_fixed_shaft() -> None:
-    """The demo's scene against the reduced equations, friction fed by the same reactions."""
+    """The demo scene compared with the reduced equations, friction from the same reactions."""
     scene = bundled("demo")
     reference = slide_and_spin(scene)
     errors = []
@@ -238,7 +238,7 @@ def test_second_order_on_two_free_bodies(friction: dict) -> None:
         ({"plant_integration": "semi_implicit"}, 0.9),
     ],
 )
-def test_every_way_of_holding_converges(change: dict, least: float) -> None:
+def test_every_form_of_hold_converges(change: dict, least: float) -> None:
     scene = pair(**merged({"friction": FRICTION}, change))
     reference = free_pair(scene, 0.4)
     errors = []
@@ -251,7 +251,7 @@ def test_every_way_of_holding_converges(change: dict, least: float) -> None:
 
 
 def test_driven_body_a_bead_on_a_turning_rod() -> None:
-    """L'' = w^2 l on a rod that turns by itself: l = l0 cosh(w t)."""
+    """A driven rod rotates at w: l'' = w^2 l, so that l = l0 cosh(w t)."""
     scene = pair(v=0.0, spin=0.0, turning=(0.0, 0.0, 2.0), body_b={"com": [0.0, 0.0, 0.0]})
     values = {**scene.parameters(), "body_a.kind": "driven"}
     errors = []
@@ -263,7 +263,7 @@ def test_driven_body_a_bead_on_a_turning_rod() -> None:
 
 
 def test_spring_and_damper_on_the_slide() -> None:
-    """M u'' + c u' + k u = 0: the damped oscillation's closed form, second order."""
+    """Closed form of the damped oscillation m u'' + c u' + k u = 0; second order."""
     m, c, k, v0 = 2.0, 4.0, 800.0, 1.0
     scene = sleeve(mass=m, v=v0, elasticity={"k1": k}, damping={"c1": c})
     decay, beat = c / (2 * m), math.sqrt(k / m - (c / (2 * m)) ** 2)
@@ -274,7 +274,7 @@ def test_spring_and_damper_on_the_slide() -> None:
 
 
 def test_a_stiff_spring_stays_bounded() -> None:
-    """Springs are implicit: k h^2/m = 1e6 is no harm."""
+    """Springs are implicit: k h^2/m = 1e6 is stable."""
     found = run(sleeve(v=1.0, elasticity={"k1": 2e12}), 0.5)
     assert np.abs(found["displacement"]).max() < 1e-3
 
@@ -283,7 +283,7 @@ def test_a_stiff_spring_stays_bounded() -> None:
 
 
 def test_stick_does_not_creep_on_moving_bodies() -> None:
-    """Two bodies turning together, stuck: s+ = 0 alone would creep by h w^2 l/2 a second."""
+    """Two bodies rotating together in stick: s+ = 0 alone would creep by h w^2 l/2 per second."""
     scene = pair(v=0.0, spin=0.0, friction={**FRICTION, "coefficient": 3.0, "preload": 50.0})
     found = run(scene, 5.0)
     assert np.all(found.outs[:, layout.REGIME] == STICK)
@@ -301,7 +301,7 @@ def test_stick_holds_to_the_last_digit_on_a_fixed_shaft() -> None:
 
 
 def test_static_friction_breaks_away_at_its_own_limit() -> None:
-    """mu_s holds 5 N at FN = 10 N; once it slides, mu_k m g is all that is left."""
+    """mu_s holds 5 N at FN = 10 N; in slip friction is mu_k m g."""
     friction = {
         "coefficient": 0.2, "static_coefficient": 0.5, "decay": 100.0, "radius": 0.02,
     }  # fmt: skip

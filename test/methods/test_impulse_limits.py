@@ -1,4 +1,4 @@
-"""The impulse method at its limits: bad samples, limited wrenches, pulling in, undersampling."""
+"""Method impulse at its limits: bad samples, limited wrenches, correction, undersampling."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ FRICTION = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 0.5}
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e200])
-def test_no_number_of_a_sample_can_hurt(value: float) -> None:
+def test_extreme_numbers_in_a_sample_are_handled(value: float) -> None:
     scene = pair(friction=FRICTION)
     good = np.concatenate([Plant(scene).state, np.zeros(12)])
     for field in range(layout.NSAMPLE):
@@ -35,7 +35,7 @@ def test_no_number_of_a_sample_can_hurt(value: float) -> None:
 
 
 @pytest.mark.parametrize("size", [0.0, 5e-324, 1e-200, 1e-7])
-def test_a_quaternion_without_length_is_refused(size: float) -> None:
+def test_a_zero_quaternion_is_refused(size: float) -> None:
     scene = pair(friction=FRICTION)
     for at in (3, 16):
         sample = np.concatenate([Plant(scene).state, np.zeros(12)])
@@ -76,7 +76,7 @@ def test_limits_scale_both_wrenches_by_one_factor() -> None:
     )
 
 
-def test_a_large_misalignment_is_pulled_in_at_a_bounded_rate() -> None:
+def test_the_correction_rate_of_a_large_misalignment_is_bounded() -> None:
     tilt = math.radians(20.0)
     scene = sleeve(
         node_b={"orientation": [0.0, 0.0, 0.0, 1.0]},
@@ -92,7 +92,7 @@ def test_a_large_misalignment_is_pulled_in_at_a_bounded_rate() -> None:
     assert int(found.outs[0, layout.FLAGS]) & layout.MISALIGNED
 
 
-def test_undersampled_turning_is_flagged_and_stays_bounded() -> None:
+def test_undersampled_rotation_is_flagged_and_bounded() -> None:
     scene = sleeve(com=(0.03, 0.02, 0.01), spin=600.0, friction=FRICTION)
     found = simulate(scene, samples=round(0.3 / scene.period) + 1)
     assert int(found.outs[0, layout.FLAGS]) & layout.UNDERSAMPLED

@@ -23,7 +23,7 @@ def run(scene: Scene, duration: float) -> Run:
 
 
 def crossings(width: float, v0: float, eps: float, duration: float) -> float:
-    """Case 7: where a body is that bounces between stops 0 and ``width``, from 0 at v0."""
+    """Case 7: position of a body that bounces between stops 0 and ``width``, from 0 at v0."""
     t, place, speed, way = 0.0, 0.0, v0, 1.0
     while t + width / speed < duration:
         t, place, way = t + width / speed, width - place, -way
@@ -48,7 +48,7 @@ def test_7_between_two_stops(eps: float, period: float) -> None:
     assert (found.outs[:, layout.STOP] == 2).sum() >= 2
 
 
-def test_7_without_restitution_one_contact_absorbs_all() -> None:
+def test_7_without_restitution_one_contact_stops_it() -> None:
     for period in (1e-3, 9.1e-4, 5.3e-4):
         scene = with_period(sleeve(l0=0.0, v=1.0, stops={"l_max": 0.1}, **WEIGHTLESS), period)
         found = run(scene, 0.3)
@@ -57,7 +57,7 @@ def test_7_without_restitution_one_contact_absorbs_all() -> None:
         assert abs(found["velocity"][-1, 0]) < 1e-13
 
 
-def test_angle_has_stops_too() -> None:
+def test_stops_of_the_angle() -> None:
     stops = {"theta_max": 1.0, "restitution": 1.0}
     round_ = [2e-3, 0.0, 0.0, 3e-3, 0.0, 3e-3]
     found = run(sleeve(inertia=round_, spin=5.0, stops=stops, **WEIGHTLESS), 0.5)
@@ -81,7 +81,7 @@ def test_a_sleeve_rests_on_a_stop_under_its_weight() -> None:
 
 
 def test_stop_and_stick_in_one_step() -> None:
-    """Spinning into a stop: the slide ends at once, the spin by friction, both come to rest."""
+    """The stop ends the slide at once, friction ends the spin; both come to rest."""
     scene = sleeve(
         v=1.0, spin=2.0, com=(0.0, 0.002, 0.001), friction=FRICTION, stops={"l_max": 0.22}
     )
@@ -105,8 +105,8 @@ def test_both_stops_in_one_step(speed: float, width: float) -> None:
         assert late.max() < width + 1.5e-3 * speed
 
 
-def test_an_impact_with_a_mass_off_the_axis_never_gains_energy() -> None:
-    """Coupled inertias and friction: restitution is lowered where it would feed the motion."""
+def test_an_eccentric_impact_does_not_gain_energy() -> None:
+    """Coupled inertias and friction: restitution is lowered if it would add energy."""
     lowered = 0
     for seed in (110, 159, 399, 1, 2, 3):
         rng = np.random.default_rng(seed)
@@ -131,8 +131,8 @@ def test_an_impact_with_a_mass_off_the_axis_never_gains_energy() -> None:
     assert lowered >= 3
 
 
-def test_what_friction_stops_does_not_bounce() -> None:
-    """An impact under way, but the sleeve comes to rest by itself before it is at the stop."""
+def test_a_sleeve_stopped_by_friction_does_not_bounce() -> None:
+    """An impact has begun, but the sleeve comes to rest before it reaches the stop."""
     scene = sleeve(
         l0=0.0986,
         v=1.0,
@@ -146,7 +146,7 @@ def test_what_friction_stops_does_not_bounce() -> None:
     assert abs(found["velocity"][3:, 0]).max() < 1e-12
 
 
-def test_a_lock_closes_where_its_position_is_passed() -> None:
+def test_a_lock_closes_at_its_position() -> None:
     scene = sleeve(v=1.0, lock={"component": "slide", "position": 0.25}, **WEIGHTLESS)
     found = run(scene, 0.2)
     assert found["length"][-1] == pytest.approx(0.25, abs=1e-14)
@@ -191,7 +191,7 @@ def test_imposed_force_is_actuation() -> None:
     assert abs(found["passivity_balance"][-1]) < 1e-6 * 9.0
 
 
-def test_commands_come_and_go() -> None:
+def test_commands_can_be_set_and_released() -> None:
     scene = sleeve(**WEIGHTLESS)
     connector, plant = Connector(scene), Plant(scene)
     for command, expected in (
@@ -214,8 +214,8 @@ def test_commands_come_and_go() -> None:
         connector.impose("spin", force=math.inf)
 
 
-def test_a_moving_stop_rubs() -> None:
-    """Held by imposed motion, the slide still has its share of the slip direction."""
+def test_imposed_motion_causes_friction() -> None:
+    """The slide of an imposed motion contributes to the slip direction."""
     command = {"slide": {"velocity": 0.3}}
     scene = sleeve(v=0.3, spin=0.4 / 0.02, friction={**FRICTION, "overlap": 0.0}, command=command)
     found = run(scene, 0.001)

@@ -1,4 +1,4 @@
-"""A misalignment that is held: B turns about its own axis, wherever that points."""
+"""A held misalignment: B rotates about its own axis."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ DURATION = 0.2
 
 
 def held(base: Scene, swing: tuple[float, float, float], spin: float = 8.0) -> Scene:
-    """``base`` with B spinning about an axis of its own, ``swing`` from the slot."""
+    """``base`` with B spinning about its own axis, at the angle ``swing`` to the slot."""
     axis = Rotation.from_rotvec(swing).as_matrix()[:, 0]
     turning = np.array(base.plant.body_a.twist[3:])
     twist = list(base.plant.body_b.twist[:3])
@@ -43,8 +43,8 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_motion_is_that_of_its_own_coordinates(name: str) -> None:
-    """Second order, against a solution in which nothing but slide and spin can move."""
+def test_the_motion_is_that_of_method_minimal(name: str) -> None:
+    """Second order, compared with a solution in joint coordinates."""
     scene = SCENES[name]
     truth = solve(scene, DURATION, times=[0.0, DURATION])
     errors = []
@@ -61,7 +61,7 @@ def test_the_motion_is_that_of_its_own_coordinates(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_angles_rate_is_the_spin_reported(name: str) -> None:
+def test_the_rate_of_the_angle_is_the_reported_spin(name: str) -> None:
     found = run(SCENES[name], 1e-3)
     angle, spin = found["angle"], found["angular_velocity"][:, 0]
     middle = np.diff(angle) / 1e-3
@@ -79,6 +79,6 @@ def test_moments_are_about_the_held_axis() -> None:
     np.testing.assert_allclose(found.outs[0, 9:12], -8e-3 * axis, atol=1e-12)
 
 
-def test_a_swing_of_rounding_is_none() -> None:
+def test_a_swing_of_rounding_is_ignored() -> None:
     assert kinematics.aligned(kinematics.swing_of(3e-16, -5e-16))
     assert not kinematics.aligned(kinematics.swing_of(1e-9, 0.0))

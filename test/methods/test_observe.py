@@ -1,4 +1,4 @@
-"""``observe``: forces and friction out of a motion that somebody else made."""
+"""Method observe: forces and friction from a measured motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MEAN = ("force_friction", "moment_friction", "normal_force", "traction", "radial
 
 
 def scenes() -> list[Scene]:
-    """An eccentric sleeve on a shaft under load; two free bodies; the light one known alone."""
+    """An eccentric loaded sleeve on a shaft; two free bodies; two with one known inertia."""
     loaded = {"plant": {"body_b": {"load": [0.3, 0.0, 1.0, 0.02, 0.0, 0.0]}}}
     both = pair(**FRICTION)
     return [
@@ -35,7 +35,7 @@ def scenes() -> list[Scene]:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_it_sees_what_the_connector_did(number: int) -> None:
+def test_it_measures_the_wrench_of_the_connector(number: int) -> None:
     """The wrench of the last interval, to second order: it acts at its middle."""
     seen_by = scenes()[number]
     errors = []
@@ -58,8 +58,8 @@ def test_it_sees_what_the_connector_did(number: int) -> None:
     assert np.log2(errors[0] / errors[2]) / 2.0 > 1.8, errors
 
 
-def test_rest_is_seen_as_rest() -> None:
-    """A sleeve on an incline that holds: its weight along the shaft is friction."""
+def test_rest_is_reported_as_stick() -> None:
+    """A sleeve in stick on an incline: its weight along the shaft equals friction."""
     scene = sleeve(**merged(FRICTION, {"gravity": [-0.5, 0.0, -9.81]}))
     run = simulate(scene, samples=50)
     samples = np.zeros((50, layout.NSAMPLE))
@@ -71,7 +71,7 @@ def test_rest_is_seen_as_rest() -> None:
 
 
 def test_springs_dampers_and_lost_samples() -> None:
-    """The formulas' parts are taken off; an interval of several periods counts as such."""
+    """Spring and damper forces are subtracted; an interval may span several periods."""
     parts = {"elasticity": {"k1": 40.0}, "damping": {"c1": 0.5, "cr1": 1e-3}}
     scene = sleeve(v=1.0, spin=8.0, **merged(FRICTION, parts))
     run = simulate(scene, samples=100)

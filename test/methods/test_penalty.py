@@ -1,4 +1,4 @@
-"""The penalty method: what a scene of unknown inertia can have, and what it cannot."""
+"""Method penalty: what it provides with unknown inertia, and its limits."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ FRICTION = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1}
 
 
 def unknown(scene: Scene, **gains: float) -> Scene:
-    """The same scene for a connector that does not know body B's inertia; the plant does."""
+    """The same scene with unknown inertia of body B for the connector; the plant knows it."""
     values = {**scene.parameters(), "body_b.kind": "unknown"}
     values.update({f"penalty.{name}": gain for name, gain in {**GAINS, **gains}.items()})
     return Scene.from_parameters(values)
@@ -30,7 +30,7 @@ def run(scene: Scene, duration: float) -> Run:
     return simulate(scene, samples=round(duration / scene.period) + 1)
 
 
-def test_auto_chooses_by_what_is_known() -> None:
+def test_auto_chooses_by_known_inertia() -> None:
     scene = sleeve(friction=FRICTION)
     assert Connector(scene).method == "impulse"
     connector = Connector(unknown(scene))
@@ -40,7 +40,7 @@ def test_auto_chooses_by_what_is_known() -> None:
 
 
 def test_it_holds_the_constraint_and_coasts_to_rest() -> None:
-    """Case 1 without knowing the mass: the distance comes out to the elastic slip's share."""
+    """Case 1 with unknown mass: the distance is exact up to the elastic slip."""
     friction = {"coefficient": 0.2, "radius": 0.02, "preload": 5.0}
     scene = unknown(sleeve(mass=2.0, v=1.0, friction=friction))
     found = run(scene, 1.0)
@@ -52,7 +52,7 @@ def test_it_holds_the_constraint_and_coasts_to_rest() -> None:
     assert np.ptp(found["displacement"][-200:]) < 1e-6
 
 
-def test_stick_is_elastic_and_comes_back_onto_the_disc() -> None:
+def test_stick_is_elastic_and_returned_onto_the_disc() -> None:
     scene = unknown(sleeve(shaft=about_y(0.1), friction=FRICTION), stick_stiffness=1e5)
     found = run(scene, 1.0)
     weight = 2.0 * 9.81 * math.sin(0.1)
@@ -80,7 +80,7 @@ def test_two_free_bodies_keep_their_momentum() -> None:
 
 
 def test_a_spring_too_stiff_for_the_period_diverges() -> None:
-    """What the method is known not to survive: k h^2/m well above what sampling allows."""
+    """With k h^2/m well above the stability bound of a sampled spring."""
     scene = unknown(sleeve(v=0.1, friction=FRICTION), stiffness=2e7, damping=400.0)
     found = run(scene, 0.2)
     violation = found["offset_violation"]
@@ -102,7 +102,7 @@ def test_swings_need_an_arm_or_a_stiffness() -> None:
         Connector(scene)
 
 
-def test_stops_locks_and_imposed_motion_are_springs_too() -> None:
+def test_stops_locks_and_imposed_motion_are_springs() -> None:
     still: dict[str, Any] = {
         "gravity": [0.0, 0.0, 0.0],
         "friction": {**FRICTION, "coefficient": 0.0},

@@ -40,9 +40,9 @@ def test_commands_on_the_bag_state_what_it_lacks(
     code, out, _ = call(capsys, "info", bag / "bag")
     assert code == 0
     assert "nav_msgs/msg/Odometry" in out
-    assert "no states" in out
+    assert "states cannot be read" in out
     for command, advice in (
-        ("report", "-o RUN makes a run of a recording of inputs"),
+        ("report", "-o RUN computes them from recorded inputs"),
         ("replay", "give --params FILE"),
         ("identify", "with --params FILE"),
     ):
@@ -62,7 +62,7 @@ def test_the_replayed_bag_is_a_run(bag: Path, capsys: pytest.CaptureFixture[str]
     given = ("--params", bag / "scene.yaml", *REMAP)
     code, out, err = call(capsys, "replay", bag / "bag", *given, "-o", bag / "run")
     assert code == 0
-    assert "off the period" in out
+    assert "not one period apart" in out
     assert "replay bag: 100%" in err, "progress"
     samples = read_run(bag / "run").counts["/connector/state"]
     assert 0.85 * STEPS < samples < 0.95 * STEPS

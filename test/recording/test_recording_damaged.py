@@ -133,4 +133,4 @@ def test_missing_messages_make_a_run_incomplete(tmp_path: Path) -> None:
     write_run(tmp_path / "run")
     path = tmp_path / "run" / "metadata.yaml"
     path.write_text(path.read_text().replace(f"message_count: {SAMPLES}\n", "message_count: 401\n"))
-    assert "says 401 messages, found 400" in str(read_run(tmp_path / "run").incomplete)
+    assert "lists 401 messages, found 400" in str(read_run(tmp_path / "run").incomplete)

@@ -208,13 +208,13 @@ def stream(scene: Scene, events: list[tuple[int, str, int]]) -> list[tuple[str, 
     at: dict[int, list[tuple[str, int]]] = {}
     for step, event, number in events:
         at.setdefault(step, []).append((event, number))
-    stamp, held = 5 * MS, None
+    stamp, delayed = 5 * MS, None
     for step in range(STEPS):
-        happens = at.get(step, [])
+        events_now = at.get(step, [])
         state = STATES[step].copy()
         frames: dict[str, str] = {}
         stamp += MS
-        for event, number in happens:
+        for event, number in events_now:
             if event == "uneven":
                 stamp += 1000 * (number % 500)
             elif event in ("late", "same stamp"):
@@ -229,7 +229,7 @@ def stream(scene: Scene, events: list[tuple[int, str, int]]) -> list[tuple[str, 
                 name = {"another frame": "body_b", "unknown frame": "map", "no frame": ""}[event]
                 frames[("pose", "twist", "child")[number % 3]] = name
         sample = sample_messages(scene, max(stamp, 0), state, frames)
-        for event, number in happens:
+        for event, number in events_now:
             place = number % (len(sample) or 1)
             if event in ("load", "load in body axes"):
                 data = StampedWriter("world" if event == "load" else "body_b").write(
@@ -254,13 +254,13 @@ def stream(scene: Scene, events: list[tuple[int, str, int]]) -> list[tuple[str, 
                 sample[place] = (sample[place][0], sample[place][1][: number % 60])
             elif event == "longer":
                 sample[place] = (sample[place][0], sample[place][1] + b"\0" * (number % 9))
-            elif event == "overtaken" and held is None:
-                held = sample.pop(place)
+            elif event == "overtaken" and delayed is None:
+                delayed = sample.pop(place)
                 continue
         found += sample
-        if held is not None and not any(event == "overtaken" for event, _ in happens):
-            found.append(held)
-            held = None
+        if delayed is not None and not any(event == "overtaken" for event, _ in events_now):
+            found.append(delayed)
+            delayed = None
     return found
 
 

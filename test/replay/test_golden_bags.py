@@ -1,4 +1,4 @@
-"""Golden bags: real recordings in bags/, whose outputs must come out again, offline and live."""
+"""Golden bags: the recordings in bags/ replay to their outputs, offline and live."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from cylconn_ros.scene.scene import Scene
 ROW = re.compile(r"^\| `(\w+)` \|.*\| `([0-9a-f]{64})` \|$", re.MULTILINE)
 ROWS = ROW.findall((BAGS / "README.md").read_text())
 NAMES = [name for name, _ in ROWS]
-TOLERANCE = 1e-9  # of a field's greatest size, for other machines; on one they are identical
+TOLERANCE = 1e-9  # of a field's largest value, for other machines; on one machine: identical
 
 
-def told(topics: list[Topic]) -> str:
-    """Where the outputs first part, for the message of a failure."""
+def text_of(topics: list[Topic]) -> str:
+    """The differences, for the message of a failure."""
     lines = []
     for topic in topics:
         if not topic.well:
             lines.append(f"{topic.name}: {topic.different} differ, {topic.only_recorded} missing")
         lines += [
-            f"  {d.field}: first at {d.first} ns, recorded {d.recorded}, now {d.replayed}, "
-            f"up to {d.worst:.3g}, {d.relative:.1e} of its size"
+            f"  {d.field}: first at {d.first} ns, recorded {d.recorded}, replayed {d.replayed}, "
+            f"up to {d.worst:.3g}, {d.relative:.1e} of its largest value"
             for d in topic.differences
             if d.beyond
         ]
@@ -42,7 +42,8 @@ def told(topics: list[Topic]) -> str:
 
 def compared(bag: Bag, replay: Replay) -> Comparison:
     kinds = {topic: replay.outputs[name] for name, topic in replay.names.items()}
-    return Comparison({t: k for t, k in kinds.items() if t in bag.types}, replay.timing, TOLERANCE)
+    types = {topic: kind for topic, kind in kinds.items() if topic in bag.types}
+    return Comparison(types, replay.timing, TOLERANCE, bag.definitions)
 
 
 def recorded_scene(bag: Bag) -> Scene:
@@ -54,7 +55,7 @@ def of_bag(name: str) -> tuple[Bag, Replay]:
     return bag, Replay(bag, recorded_scene(bag))
 
 
-def test_every_bag_is_described() -> None:
+def test_every_bag_is_in_the_table_of_the_readme() -> None:
     """Name, provenance and checksum in the table; each below 1 MB."""
     assert sorted(NAMES) == sorted(path.name for path in BAGS.iterdir() if path.is_dir())
     for name, digest in ROWS:
@@ -65,8 +66,8 @@ def test_every_bag_is_described() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_whole_trajectories_come_out_again(name: str) -> None:
-    """Every field of every output of every sample, not only where it ends."""
+def test_whole_trajectories_are_reproduced(name: str) -> None:
+    """Every field of every output of every sample, not only the last."""
     bag, replay = of_bag(name)
     comparison = compared(bag, replay)
     for item in replay.messages():
@@ -74,12 +75,12 @@ def test_whole_trajectories_come_out_again(name: str) -> None:
             side = comparison.replayed if item.replayed else comparison.recorded
             side(item.topic, item.data)
     topics = comparison.result()
-    assert all(topic.well for topic in topics), told(topics)
+    assert all(topic.well for topic in topics), text_of(topics)
     assert all(topic.same + topic.different >= 100 for topic in topics)
 
 
-def test_the_failure_says_where_and_by_how_much() -> None:
-    """A friction coefficient changed in its fifth digit is found, and told."""
+def test_a_failure_states_stamp_and_size_of_the_difference() -> None:
+    """A friction coefficient changed in its fifth digit is found and reported."""
     bag, replay = of_bag("slide_and_spin")
     friction = dataclasses.replace(replay.scene.friction, coefficient=0.200002)
     replay.pipeline = MessagePipeline(dataclasses.replace(replay.scene, friction=friction))
@@ -90,18 +91,20 @@ def test_the_failure_says_where_and_by_how_much() -> None:
         (comparison.replayed if item.replayed else comparison.recorded)(item.topic, item.data)
     topics = comparison.result()
     assert not all(topic.well for topic in topics)
-    assert re.search(r"force_friction: first at \d+ ns, recorded .*, now .*, up to", told(topics))
+    assert re.search(
+        r"force_friction: first at \d+ ns, recorded .*, replayed .*, up to", text_of(topics)
+    )
 
 
 @pytest.mark.parametrize("name", ["stop_impact", "two_free_bodies"])
-def test_played_onto_live_topics_the_node_answers_the_same(name: str, tmp_path: Path) -> None:
-    """The other way round: our player, the real node, and what it records."""
+def test_the_node_publishes_the_same_outputs_for_played_inputs(name: str, tmp_path: Path) -> None:
+    """Player and node as processes; the recording of the node is compared."""
     bag, replay = of_bag(name)
     scene = tmp_path / "scene.yaml"
     scene.write_text(bag.metadata["parameters"])
     with program([*module("connector.node"), "--ros-args", "--params-file", scene,
                   "-p", "record.enabled:=true"], tmp_path) as node:  # fmt: skip
-        node.wait_for("recording to")  # it listens, and is ready to answer
+        node.wait_for("recording to")  # it is ready
         with program([*module("player"), BAGS / name, "--rate", "0.4"], tmp_path) as player:
             assert player.wait() == 0, player.output
             assert "played" in player.output
@@ -115,5 +118,5 @@ def test_played_onto_live_topics_the_node_answers_the_same(name: str, tmp_path: 
         if topic in comparison.topics:
             comparison.replayed(topic, data)
     topics = comparison.result()
-    assert all(topic.well for topic in topics), told(topics)
+    assert all(topic.well for topic in topics), text_of(topics)
     assert replay.names[STATE_TOPIC] in comparison.topics

@@ -1,7 +1,8 @@
-"""A recording replayed: to the same bytes, to "what if", and whoever wrote it."""
+"""Replay of recordings, also of other software; comparison with the recorded outputs."""
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import tracemalloc
 from collections.abc import Callable
@@ -15,9 +16,10 @@ from scenes import bundled
 from cylconn_ros.cli import main as cylconn
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages.cdr_encoder import StampedWriter
+from cylconn_ros.messages.cdr_encoder import StampedWriter, StateWriter
 from cylconn_ros.recording import writer as writer_module
 from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.message_definitions import Interface, interface
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.writer import RunWriter
@@ -25,14 +27,14 @@ from cylconn_ros.replay.compare import Comparison
 from cylconn_ros.replay.replay import Replay
 from cylconn_ros.simulation.simulate import simulate
 
-Answer = tuple[int, str, str]
-Command = Callable[..., Answer]
+Result = tuple[int, str, str]
+Command = Callable[..., Result]
 STEPS = 200
 
 
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str]) -> Command:
-    def run(*arguments: object) -> Answer:
+    def run(*arguments: object) -> Result:
         code = cylconn.main(["replay", *map(str, arguments)])
         printed = capsys.readouterr()
         return code, printed.out, printed.err
@@ -42,22 +44,22 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run as the nodes would have recorded it."""
+    """A simulated run, recorded as by the node."""
     path = tmp_path_factory.mktemp("runs") / "demo"
     code = cylconn.main(["simulate", "demo", "--steps", str(STEPS - 1), "-o", str(path)])
     assert code == 0
     return path
 
 
-def test_the_same_again(recorded: Path, command: Command) -> None:
+def test_a_replay_is_identical(recorded: Path, command: Command) -> None:
     code, out, _ = command(recorded, "--compare")
     assert code == 0
     assert f"/connector/state: {STEPS} compared, identical" in out
-    assert out.endswith("the same\n")
+    assert "\noutputs identical\n" in out
 
 
 def test_the_replay_is_a_run(recorded: Path, command: Command, tmp_path: Path) -> None:
-    """It reads as the recording does, and replays to itself."""
+    """The output of a replay is a recording that can be read and replayed."""
     code, out, _ = command(recorded, "-o", tmp_path / "again")
     assert code == 0
     assert "next: cylconn info" in out
@@ -72,12 +74,14 @@ def test_the_replay_is_a_run(recorded: Path, command: Command, tmp_path: Path) -
     assert "never overwritten" in err
 
 
-def test_what_if(recorded: Path, command: Command, tmp_path: Path) -> None:
-    """Other parameters: one alone, or a file; and where they part is said."""
+def test_other_parameters_give_differences(
+    recorded: Path, command: Command, tmp_path: Path
+) -> None:
+    """With other parameters, single or from a file, the first differences are reported."""
     code, out, _ = command(recorded, "--compare", "--set", "friction.coefficient=0.4")
     assert code == 1
-    assert "BEYOND  force_friction: up to" in out
-    assert "NOT THE SAME" in out
+    assert "BEYOND  force_friction: at most" in out
+    assert "OUTPUTS DIFFER" in out
     assert command(recorded, "--compare", "--set", "friction.coefficient=0.4",
                    "--tolerance", 10.0)[0] == 0  # fmt: skip
     other = tmp_path / "other.yaml"
@@ -90,7 +94,7 @@ def test_what_if(recorded: Path, command: Command, tmp_path: Path) -> None:
 
 
 def test_one_changed_byte_is_found(recorded: Path, command: Command, tmp_path: Path) -> None:
-    """The comparison can fail: a wrench changed in its last bit, at one sample."""
+    """A wrench that differs in its last bit, at one sample, is reported."""
     changed, run = tmp_path / "changed", Bag(recorded)
     topics = Replay(run, bundled("demo")).topics()
     with RunWriter(changed, topics, run.metadata) as writer:
@@ -120,19 +124,61 @@ def test_odometry_of_other_software(uneven: bool, command: Command, tmp_path: Pa
     exact = simulate(bundled("demo"), samples=STEPS).outs
     if uneven:
         assert 0.8 * STEPS < len(state) < STEPS
-        assert "off the period" in out
+        assert "not one period apart" in out
         assert np.isfinite(state["force"]).all()
     else:
         np.testing.assert_allclose(state["force"], exact[:, layout.FORCE : layout.FORCE + 3],
                                    rtol=1e-9, atol=1e-9)  # fmt: skip
     assert "of other topics" in out
     code, _, err = command(*asked[:3], "--set", "input=odometry", "--set", "body_b.frame=sleeve")
-    assert code == 2, "it does not guess"
+    assert code == 2, "topics are not guessed"
     assert "/robot/sleeve (nav_msgs/msg/Odometry)" in err
 
 
+def with_other_schema(recorded: Path, path: Path, field: str, line: str, change: int) -> Path:
+    """A copy of a recording, its ConnectorState with another schema and 8 bytes more or less.
+
+    ``line`` replaces the definition of ``field``, the first of the block of numbers.
+    """
+    run, kind = Bag(recorded), "cylconn_ros/msg/ConnectorState"
+    topics = Replay(run, bundled("demo")).topics()
+    interfaces = {topic.type: interface(topic.type) for topic in topics}
+    known = interfaces[kind]
+    definition = re.sub(rf"(?m)^float64 {field} .*$", line, known.definition)
+    interfaces[kind] = Interface(kind, definition, known.type_hash)
+    (at, _) = StateWriter(bundled("demo").body_a.frame, "impulse").blocks
+    with RunWriter(path, topics, run.metadata, interfaces=interfaces) as writer:
+        for topic, log_time, data in run.messages():
+            if run.types[topic] == kind:
+                data = data[:at] + bytes(max(change, 0)) + data[at + max(-change, 0) :]
+            writer.write(topic, data, log_time, log_time)
+    return path
+
+
+def test_a_recording_is_decoded_by_its_own_schema(
+    recorded: Path, command: Command, tmp_path: Path
+) -> None:
+    """Fields of both schemas are compared; fields of one schema are reported."""
+    lacking = with_other_schema(recorded, tmp_path / "lacking", "length", "", -8)
+    code, out, _ = command(lacking, "--compare")
+    assert code == 0
+    assert f"/connector/state: {STEPS} compared, identical" in out
+    assert "not compared: fields only in the replay: length" in out
+    assert "\noutputs identical\n" in out
+    extended = with_other_schema(
+        recorded, tmp_path / "extended", "length", "float64 temperature\nfloat64 length", 8
+    )
+    code, out, _ = command(extended, "--compare")
+    assert code == 0
+    assert "not compared: fields only in the recording: temperature" in out
+    code, out, _ = command(extended, "--compare", "--set", "friction.coefficient=0.4")
+    assert code == 1
+    assert "BEYOND  force_friction: at most" in out
+    assert command(lacking)[0] == 0
+
+
 def test_sqlite_bags(recorded: Path, command: Command, tmp_path: Path) -> None:
-    """As ROS 2 before Jazzy records them by default."""
+    """SQLite storage, the default before Jazzy."""
     file = tmp_path / "old.db3"
     bag = Bag(recorded)
     with sqlite3.connect(file) as database:
@@ -149,7 +195,9 @@ def test_sqlite_bags(recorded: Path, command: Command, tmp_path: Path) -> None:
     assert command(file, "--params", Path("config/demo.yaml"), "--compare")[0] == 0
 
 
-def test_damaged_bags_give_what_they_have(recorded: Path, command: Command, tmp_path: Path) -> None:
+def test_damaged_bags_are_replayed_as_far_as_readable(
+    recorded: Path, command: Command, tmp_path: Path
+) -> None:
     whole = next(recorded.glob("*.mcap")).read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) * 2 // 3])
@@ -157,7 +205,7 @@ def test_damaged_bags_give_what_they_have(recorded: Path, command: Command, tmp_
     assert code == 1
     assert "DAMAGED" in out
     assert "identical" in out
-    for content, words in (
+    for content, text in (
         (b"", "contains no readable message"),
         (b"hello, this is text" * 9, "contains no readable message"),
         (whole[:100], "contains no readable message"),
@@ -165,11 +213,11 @@ def test_damaged_bags_give_what_they_have(recorded: Path, command: Command, tmp_
         cut.write_bytes(content)
         code, _, err = command(cut)
         assert code == 2
-        assert words in err
+        assert text in err
 
 
-def test_errors_say_what_is_missing(recorded: Path, command: Command, tmp_path: Path) -> None:
-    for arguments, words in (
+def test_errors_name_the_missing_input(recorded: Path, command: Command, tmp_path: Path) -> None:
+    for arguments, text in (
         ((tmp_path / "none",), "no such file or directory"),
         ((tmp_path,), "not a recording"),
         ((recorded, "--set", "input=odometry"), "lacks body_b/odom (nav_msgs/msg/Odometry"),
@@ -179,7 +227,7 @@ def test_errors_say_what_is_missing(recorded: Path, command: Command, tmp_path: 
     ):
         code, _, err = command(*arguments)
         assert code == 2
-        assert words in err
+        assert text in err
 
 
 def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None:
@@ -198,7 +246,7 @@ def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None
 
 
 def long_bag(path: Path, count: int) -> Path:
-    """Poses and twists of so many samples, without outputs."""
+    """Poses and twists of ``count`` samples, without outputs."""
     run = simulate(bundled("demo"), samples=50)
     places = {"/body_b/pose": (layout.B_POSE, 7), "/body_b/twist": (layout.B_TWIST, 6)}
     kinds = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped")
@@ -213,29 +261,29 @@ def long_bag(path: Path, count: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("way", ["messages", "parts"])
+@pytest.mark.parametrize("iterator", ["messages", "parts"])
 def test_memory_does_not_grow_with_the_bag(
-    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    iterator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A bag passes through: four times as long, it takes as much, but for the sizes of chunks."""
+    """A bag four times as long needs the same memory, apart from the sizes of chunks."""
     monkeypatch.setattr(
         writer_module, "INTERVAL", 60.0
-    )  # chunks of one size, however busy the machine
+    )  # chunks of one size, also on a busy machine
     peaks = []
     for count in (20_000, 80_000):
         replay = Replay(Bag(long_bag(tmp_path / str(count), count)), bundled("demo"))
         replay.pipeline.wanted = lambda _: False
         tracemalloc.start()
-        for _ in getattr(replay, way)():
+        for _ in getattr(replay, iterator)():
             pass
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-        assert replay.counts.answers == count
+        assert replay.counts.responses == count
     assert peaks[1] < 2.0 * peaks[0]
 
 
-def test_rows_are_compared_as_messages_are() -> None:
-    """Some missing, some twice, some different: in one call or message by message."""
+def test_arrays_of_messages_are_compared_as_single_messages() -> None:
+    """With missing, duplicate and different messages, in one call or message by message."""
     rng = np.random.default_rng(3)
     kind, topic = "geometry_msgs/msg/WrenchStamped", "/w"
     for _ in range(50):
@@ -257,8 +305,8 @@ def test_rows_are_compared_as_messages_are() -> None:
         assert many.result() == one.result()
 
 
-def test_the_first_beyond_a_tolerance_is_found_however_long_the_bag() -> None:
-    """Differences that grow: within the tolerance at first, in lots of thousands."""
+def test_the_first_difference_above_the_tolerance_is_found_in_a_long_bag() -> None:
+    """Increasing differences, first below the tolerance, in several lots of messages."""
     kind, topic, count = "geometry_msgs/msg/WrenchStamped", "/w", 10_000
     stamps = np.arange(count) * 1000
     values = np.ones((count, 6))

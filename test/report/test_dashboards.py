@@ -1,4 +1,4 @@
-"""Layouts for Foxglove and PlotJuggler: everything they show is in a message that we send."""
+"""Foxglove and PlotJuggler layouts: every plotted field exists in a published message."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cylconn_ros.scene.inputs import POSE
 FOXGLOVE = ROOT / "dashboards" / "foxglove.json"
 PLOTJUGGLER = ROOT / "dashboards" / "plotjuggler.xml"
 
-# As the node sends and receives them without namespace and remapping.
+# Topics of the node without namespace and remapping.
 TOPICS = {
     **{"/" + name.replace("~", "connector"): kind for name, kind in OUTPUTS},
     "/body_a/pose": POSE,
@@ -35,7 +35,7 @@ TOPICS = {
 
 
 def check(topic: str, steps: list[str]) -> None:
-    """Walk a path, ``field`` or ``field[2]`` a step, down to a number or a text."""
+    """Follow a path of steps ``field`` or ``field[2]`` to a number or a string."""
     assert topic in TOPICS, f"no topic {topic}"
     kind = TOPICS[topic]
     schema = parse(kind, interface(kind).definition)
@@ -75,7 +75,7 @@ def panels_of(layout: Any) -> Iterator[str]:
         yield from panels_of(layout["second"])
 
 
-def test_foxglove_shows_what_is_sent() -> None:
+def test_foxglove_paths_exist() -> None:
     layout = json.loads(FOXGLOVE.read_text())
     paths = [path for config in layout["configById"].values() for path in foxglove_paths(config)]
     assert len(paths) > 40
@@ -95,7 +95,7 @@ def test_foxglove_places_every_panel_once() -> None:
 
 
 def plotjuggler_curves(root: ElementTree.Element) -> tuple[list[str], set[str]]:
-    """Series that have to come from messages, and names of those computed from them."""
+    """Return the series that come from messages, and the names of the computed ones."""
     computed = {snippet.attrib["name"] for snippet in root.iter("snippet")}
     series = []
     for curve in root.iter("curve"):
@@ -109,7 +109,7 @@ def plotjuggler_curves(root: ElementTree.Element) -> tuple[list[str], set[str]]:
 SOURCES = ("linked_source", "v1", "v2")
 
 
-def test_plotjuggler_shows_what_is_sent() -> None:
+def test_plotjuggler_paths_exist() -> None:
     root = ElementTree.parse(PLOTJUGGLER).getroot()
     series, computed = plotjuggler_curves(root)
     assert len(series) > 35
@@ -138,12 +138,12 @@ def test_plotjuggler_splits_add_up() -> None:
         ("/body_b/pose", ["pose", "position"], "is a message"),
     ],
 )
-def test_a_wrong_path_is_seen(topic: str, steps: list[str], why: str) -> None:
+def test_a_wrong_path_is_found(topic: str, steps: list[str], why: str) -> None:
     with pytest.raises(AssertionError, match=re.escape(why)):
         check(topic, steps)
 
 
-# The page that leads there
+# The guide
 
 GUIDE = (ROOT / "docs" / "how_to" / "dashboards.md").read_text()
 
@@ -171,7 +171,7 @@ def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
     assert "friction.coefficient: 0.15" in (tmp_path / "again.html").read_text()
 
 
-def test_the_guide_names_what_there_is() -> None:
+def test_files_that_the_guide_names_exist() -> None:
     for target in re.findall(r"\]\(([^)#]+)", GUIDE):
         assert (ROOT / "docs" / "how_to" / target).exists(), target
     for name in re.findall(r"dashboards/(\w+\.\w+)", GUIDE):

@@ -174,7 +174,7 @@ def test_plant_needs_a_period(installed_prefix, tmp_path):
     with program(command, tmp_path) as moving:
         assert moving.wait() == 2
         assert moving.lines == [
-            "plant: period = 0.0: must be > 0 s for a plant, which makes the stamps"
+            "plant: period = 0.0: must be > 0 s for a plant, which creates the stamps"
         ]
 
 

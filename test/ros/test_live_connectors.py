@@ -76,7 +76,7 @@ def test_each_connector_has_its_own_numbers_in_one_run(scene, tmp_path, capsys):
         kept = [k for k in range(layout.NSTATE) if k + layout.STATE0 != layout.COMPUTING_TIME]
         np.testing.assert_array_equal(found[first][:, kept], expected[:, kept])
         assert command("replay", run, "--connector", name, "--compare") == 0
-        assert "the same" in capsys.readouterr().out
+        assert "outputs identical" in capsys.readouterr().out
         assert command("info", run, "--connector", name) == 0
         assert "samples     20" in capsys.readouterr().out  # the last ones may be retransmitted
     kept = tmp_path / "rear_alone"
@@ -86,7 +86,7 @@ def test_each_connector_has_its_own_numbers_in_one_run(scene, tmp_path, capsys):
     assert command("report", run, "--connector", "rear", "-o", tmp_path / "rear.html") == 0
     capsys.readouterr()
     assert command("info", run) == 0
-    assert "2 connectors; more of one with --connector NAME" in capsys.readouterr().out
+    assert "2 connectors; details of one with --connector NAME" in capsys.readouterr().out
     assert command("replay", run) != 0
     assert "several connectors, front, rear: choose one" in capsys.readouterr().err
     with pytest.raises(RecordingError, match="has front, rear"):
@@ -219,7 +219,9 @@ def test_plant_needs_a_namespace_that_names_a_connector(scene, tmp_path):
 
 def test_quick_connectors_benchmark(monkeypatch):
     monkeypatch.setattr(connectors, "_NUMBERS", (1, 3))
-    monkeypatch.setattr(connectors, "_LOADS", [connectors.Load(3, 50.0, ("body_a", "body_b"))])
+    monkeypatch.setattr(
+        connectors, "_CAPACITIES", [connectors.Capacity(3, 50.0, ("body_a", "body_b"))]
+    )
     found = connectors.measure(Settings.short(load), private_environment())
     lost = [m for m in found.measurements if m.quantity == "lost"]
     assert {m.subject for m in lost} == {

@@ -133,5 +133,5 @@ def test_parameter_file_of_another_node_is_reported(name, installed_prefix, tmp_
 
 def test_shipped_scenes_are_found_by_name():
     assert load(shipped("demo")) == load(bundled()["demo"])
-    with pytest.raises(ValueError, match="nowhere: no scene of this package; there are bead_on"):
+    with pytest.raises(ValueError, match="nowhere: no bundled scene; there are bead_on"):
         shipped("nowhere")

@@ -41,12 +41,11 @@ def test_salvage_recovers_a_run_after_kill_9_except_its_end(connector, peer, tmp
         listener.exchange(source, 5 * MS)
         arrivals = exchange(peer, listener, source, 1.5)
         killed = time.time()
-        running.process.kill()
-        running.wait()
+        running.kill()
     (run,) = (tmp_path / "runs").iterdir()
     assert not (run / "metadata.yaml").exists()
     assert main.main(["info", str(run)]) == 2
-    assert "cylconn salvage gives back" in capsys.readouterr().err
+    assert "cylconn salvage recovers" in capsys.readouterr().err
 
     assert main.main(["salvage", str(run)]) == 0
     printed = capsys.readouterr().out.splitlines()
@@ -55,7 +54,7 @@ def test_salvage_recovers_a_run_after_kill_9_except_its_end(connector, peer, tmp
     assert whole.incomplete is None
     messages = sum(whole.counts.values())
     assert printed[1].startswith(
-        f"saved {messages} messages over {whole.duration:.3f} s in {saved}"
+        f"recovered {messages} messages over {whole.duration:.3f} s in {saved}"
     )
     recorded = {int(stamp) for stamp in whole.table("/body_b/wrench").stamp}
     expected = {stamp for stamp, when in arrivals.items() if when < killed - LATEST}

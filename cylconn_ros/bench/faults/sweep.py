@@ -56,7 +56,7 @@ _CONSTRAINT = [*range(layout.FORCE + 1, layout.FORCE + 3),
 
 @dataclass(frozen=True)
 class SweepCase:
-    """A fault, and the values of ``latency`` it is run with, by the way it is given."""
+    """A fault and the values of ``latency`` it is run with, by SET, MEASURED or NOT_SET."""
 
     name: str
     faults: Faults
@@ -200,7 +200,7 @@ class FaultFreeRun:
         """Greatest and final energy if only the first ``late`` wrenches are missing, J.
 
         The bodies keep the energy that they take up before the first wrench until friction
-        dissipates it; no wrench of the joint can remove it sooner.
+        dissipates it; no wrench of the joint can remove it earlier.
         """
         if late in self._late_start:
             return self._late_start[late]

@@ -21,7 +21,7 @@ from cylconn_ros.bench.nodes.topics import INPUTS, OUTPUTS
 from cylconn_ros.process.child import cpu_time
 from cylconn_ros.ros.executor.new_message_event import EventPoller
 
-_LONGEST_WAIT = 5_000_000  # ns; outputs that came without an event are taken after it
+_LONGEST_WAIT = 5_000_000  # ns; then outputs are taken also without an event
 _POLLING = 0.001  # s of polling for outputs in the closed loop; most arrive sooner
 _PATIENCE = 2.0  # s for outputs after the last sample was sent
 

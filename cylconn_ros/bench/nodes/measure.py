@@ -28,7 +28,12 @@ from cylconn_ros.scene.scene import Scene
 
 CONNECTOR, RECORDING = "connector", "connector, recording"
 RCLPY, FORWARDER = "plain node", "bare forwarder"
-_NAMESPACES = {CONNECTOR: "ours", RECORDING: "recording", RCLPY: "rclpy", FORWARDER: "forwarder"}
+_NAMESPACES = {
+    CONNECTOR: "connector",
+    RECORDING: "recording",
+    RCLPY: "rclpy",
+    FORWARDER: "forwarder",
+}
 _DELAY, _TAIL, _CPU, _RATE, _LOST = "delay", "99 % within", "CPU time a step", "steps/s", "lost"
 _RATES = {"at 500 samples/s": 500.0, "closed loop": 0.0, "at 2000 samples/s": 2000.0}
 _SLOW, _CLOSED, _FAST = _RATES

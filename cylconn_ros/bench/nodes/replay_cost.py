@@ -39,17 +39,17 @@ def measure(settings: Settings) -> Findings:
     found = Findings()
     messages, rounds = (_QUICK, 2) if settings.quick else (_MESSAGES, 7)
     # The motion always lasts a second; the short form has fewer messages.
-    for stretch in step_cases(dataclasses.replace(settings, quick=False)):
+    for case in step_cases(dataclasses.replace(settings, quick=False)):
         for kind in (INPUTS, ALL, ODOMETRY):
-            if kind == ODOMETRY and stretch.name != SHAFT:
+            if kind == ODOMETRY and case.name != SHAFT:
                 continue
             with tempfile.TemporaryDirectory() as folder:
-                scene = stretch.scene
+                scene = case.scene
                 if kind == ODOMETRY:
                     scene = dataclasses.replace(scene, input="odometry")
-                path = record(Path(folder) / "run", stretch, scene, messages, kind == ALL)
-                timing = _time(path, stretch, scene, rounds)
-            name = f"{stretch.name}, {kind}"
+                path = record(Path(folder) / "run", case, scene, messages, kind == ALL)
+                timing = _time(path, case, scene, rounds)
+            name = f"{case.name}, {kind}"
             _add(found, name, timing)
             if kind != ALL:
                 cost = 1e6 * Spread.of(timing.cpu).median
@@ -75,7 +75,7 @@ class Timing:
     note: str
 
 
-def _time(path: Path, stretch: StepCase, scene: Scene, rounds: int) -> Timing:
+def _time(path: Path, case: StepCase, scene: Scene, rounds: int) -> Timing:
     """Time the replay and, in turns with it, the compiled step alone."""
     replays: list[tuple[Replay, int]] = []
 
@@ -94,8 +94,8 @@ def _time(path: Path, stretch: StepCase, scene: Scene, rounds: int) -> Timing:
         busy = time.process_time()
         for _ in range(_STEP_REPETITIONS):
             connector.reset()
-            connector.run(stretch.samples)
-        per_sample = (time.process_time() - busy) / (_STEP_REPETITIONS * len(stretch.samples))
+            connector.run(case.samples)
+        per_sample = (time.process_time() - busy) / (_STEP_REPETITIONS * len(case.samples))
         return per_sample, per_sample
 
     turns = {_CPU: replay, _STEP: step}
@@ -120,27 +120,27 @@ def _add(found: Findings, name: str, timing: Timing) -> None:
         )
 
 
-def record(path: Path, stretch: StepCase, scene: Scene, messages: int, outputs: bool) -> Path:
+def record(path: Path, case: StepCase, scene: Scene, messages: int, outputs: bool) -> Path:
     """Write a recording with at least ``messages`` input messages, as the node writes it.
 
     ``outputs``: also record the outputs of the connector. Returns the recording's directory.
     """
-    answering, exchange = MessagePipeline(scene), Exchange(scene, PlantCounts())
-    input_topics = {name: _resolved(name) for name in answering.inputs}
-    topics = [TopicInfo(input_topics[n], given.type) for n, given in answering.inputs.items()]
+    pipeline, exchange = MessagePipeline(scene), Exchange(scene, PlantCounts())
+    input_topics = {name: _resolved(name) for name in pipeline.inputs}
+    topics = [TopicInfo(input_topics[n], given.type) for n, given in pipeline.inputs.items()]
     output_topics = [_resolved(name) for name, _ in OUTPUTS] if outputs else []
     if outputs:
         topics += [TopicInfo(_resolved(name), kind) for name, kind in OUTPUTS]
     period, count, k = round(scene.period * 1e9), 0, 0
     with RunWriter(path, topics, {}) as writer:
         while count < messages:
-            stamp, sample = period * (k + 1), stretch.samples[k % len(stretch.samples)]
+            stamp, sample = period * (k + 1), case.samples[k % len(case.samples)]
             for name, data in exchange.messages(stamp, np.ascontiguousarray(sample[layout.MOTION])):
                 writer.write(input_topics[name], data, stamp, stamp)
                 count += 1
-                answer = answering.inputs[name].receive(data) if outputs else None
-                if answer is not None:
-                    for topic, message in zip(output_topics, answer[1:], strict=True):
+                response = pipeline.inputs[name].receive(data) if outputs else None
+                if response is not None:
+                    for topic, message in zip(output_topics, response[1:], strict=True):
                         assert message is not None
                         writer.write(topic, message, stamp, stamp)
             k += 1

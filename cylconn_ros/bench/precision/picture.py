@@ -15,6 +15,7 @@ from cylconn_ros.bench.common.results import Findings
 from cylconn_ros.bench.precision import pareto
 from cylconn_ros.bench.precision.cases import CASES, Case
 from cylconn_ros.bench.precision.pareto import Point
+from cylconn_ros.methods.traits import SOLVERS, TRAITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,6 +47,15 @@ class Curve:
         return name.startswith(self.starts) and name.endswith(self.ends)
 
 
+def _methods(label: str, color: str, width: float, style: str, **traits: bool) -> Curve:
+    """The curve of the package's closed-loop methods with these traits."""
+    names = [
+        name for name in SOLVERS
+        if all(getattr(TRAITS[name], trait) == value for trait, value in traits.items())
+    ]  # fmt: skip
+    return Curve(label or ", ".join(names), tuple(names), color, width, style, exact=True)
+
+
 CURVES = (
     Curve("MuJoCo, constant", ("MuJoCo",), "#E69F00", style=":", ends="constant"),
     Curve("MuJoCo, calibrated", ("MuJoCo",), "#E69F00", style="--", ends="calibrated"),
@@ -55,9 +65,9 @@ CURVES = (
     Curve("Pinocchio", ("Pinocchio",), "#CC79A7"),
     Curve("Exudyn", ("Exudyn",), "#8C6D1F"),
     Curve("SciPy, reduced eqs.", ("SciPy",), "#555555"),
-    Curve("penalty, aug. Lagr.", ("penalty", "augmented_lagrangian"), "#8FB7D6", 1.1, "--"),
-    Curve("baumgarte", ("baumgarte",), "#8FB7D6", 1.1),
-    Curve("impulse", ("impulse",), "#2E8BC8", 2.4),
+    _methods("penalty, aug. Lagr.", "#8FB7D6", 1.1, "--", uses_gains=True),
+    _methods("", "#8FB7D6", 1.1, "-", uses_gains=False, second_order=False),
+    _methods("", "#2E8BC8", 2.4, "-", uses_gains=False, second_order=True),
     Curve("minimal", ("minimal",), "#1F5F99", 1.6, exact=True),
     Curve("tolerance", ("tolerance parameter",), "#04243F", 2.8, exact=True),
 )

@@ -67,8 +67,7 @@ class Trial:
         if status in ("not installed", "not applicable"):
             return NotMeasured(setup.case.name, self.solver.name, status, response["reason"])
         if status:
-            reason = response["reason"]
-            self.failed = f"failed: {reason}" if status == "failed" else reason
+            self.failed = response["reason"]
             return None
         state = np.array([math.nan if x is None else x for x in response["state"]])
         self.sizes = cases.errors(setup.case, setup.scene, setup.reference, state)

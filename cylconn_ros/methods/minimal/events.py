@@ -63,34 +63,34 @@ def event_functions(
     y: Array,
     s: ContactState,
     lock_side: float,
-    seen: Array,
+    values: Array,
 ) -> int:
-    """Fill ``seen`` (NEVENTS,) with the event functions; returns how many are negative."""
+    """Fill ``values`` (NEVENTS,) with the event functions; returns how many are negative."""
     for k in range(2):
         x = y[coordinates.LENGTH + k]
         low = GAPS + 2 * k
-        seen[low] = seen[low + 1] = math.inf
+        values[low] = values[low + 1] = math.inf
         if s.sides[k] == 0:
-            seen[low] = x - par[model.STOPS + 2 * k]
-            seen[low + 1] = par[model.STOPS + 2 * k + 1] - x
+            values[low] = x - par[model.STOPS + 2 * k]
+            values[low + 1] = par[model.STOPS + 2 * k + 1] - x
         elif s.sides[k] != 2:
-            seen[low] = 1e-12 * abs(i.total[k]) - s.sides[k] * i.reaction[k]
-    seen[BREAKAWAY] = i.limit * (1.0 + 1e-12) - i.traction if s.stuck else math.inf
+            values[low] = 1e-12 * abs(i.total[k]) - s.sides[k] * i.reaction[k]
+    values[BREAKAWAY] = i.limit * (1.0 + 1e-12) - i.traction if s.stuck else math.inf
     if s.until > -math.inf:
-        seen[BREAKAWAY] = math.inf
-    elif s.held:
-        stuck, _, _, held = contact_conditions(par, joint, t, y, s.locked, True)
-        seen[BREAKAWAY] = 1.0 if held and stuck else -1.0
-    seen[LOCK_AT] = seen[LOCK_FORCE] = math.inf
+        values[BREAKAWAY] = math.inf
+    elif s.beyond_limit:
+        stuck, _, _, beyond_limit = contact_conditions(par, joint, t, y, s.locked, True)
+        values[BREAKAWAY] = 1.0 if beyond_limit and stuck else -1.0
+    values[LOCK_AT] = values[LOCK_FORCE] = math.inf
     if par[model.LOCK] != 0.0 and not s.locked:
         k = int(par[model.LOCK]) - 1
         if lock_side != 0.0:
-            seen[LOCK_AT] = lock_side * (y[coordinates.LENGTH + k] - par[model.LOCK + 1])
+            values[LOCK_AT] = lock_side * (y[coordinates.LENGTH + k] - par[model.LOCK + 1])
         if not math.isnan(par[model.LOCK + 2]):
-            seen[LOCK_FORCE] = par[model.LOCK + 2] - abs(i.total[k])
+            values[LOCK_FORCE] = par[model.LOCK + 2] - abs(i.total[k])
     count = 0
     for e in range(NEVENTS):
-        if seen[e] < 0.0:
+        if values[e] < 0.0:
             count += 1
     return count
 
@@ -141,10 +141,10 @@ def _limit_candidate(par: Array, y: Array, k: int, locked: bool) -> int:
 def contact_conditions(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
 ) -> tuple[bool, Sides, Two, bool]:
-    """Stick or slip, active limits, accelerations of slide and spin, and ``held``.
+    """Stick or slip, active limits, accelerations of slide and spin, and ``beyond_limit``.
 
     If stick exceeds the friction limit, but slip would jam as soon as it starts, it sticks as the
-    limit of infinitely many jams: ``held``.
+    limit of infinitely many jams: ``beyond_limit``.
     """
     stuck, sides, a = _solve_contact(par, joint, t, y, locked, was_stick)
     if not model.law(par).on or stuck or y[coordinates.SLIDE] != 0.0 or y[coordinates.SPIN] != 0.0:
@@ -225,12 +225,12 @@ def start_slip(
 
 
 @device_function
-def longest_stick_step(joint: Array, y: Array, held: bool) -> float:
-    """The longest step in stick, s: a rotation of 0.1 rad of the bodies, 0.01 rad if ``held``."""
+def longest_stick_step(joint: Array, y: Array, beyond_limit: bool) -> float:
+    """The longest step in stick, s: a rotation of 0.1 rad, or 0.01 rad if ``beyond_limit``."""
     free = joint[coordinates.MODE] == coordinates.BOTH_FREE
     w = norm(
         model.vector(y, coordinates.A_SPIN)
         if free
         else model.vector(joint, coordinates.PRESCRIBED + 10)
     )
-    return (0.01 if held else 0.1) / w if w > 0.0 else math.inf
+    return (0.01 if beyond_limit else 0.1) / w if w > 0.0 else math.inf

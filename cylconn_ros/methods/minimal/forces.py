@@ -163,7 +163,7 @@ def _slip(
     spring: Two,
     damper: Two,
     push: Two,
-    held: ActiveLimits,
+    active: ActiveLimits,
 ) -> Instant:
     """Slip: friction at its limit against the slip velocity."""
     law = model.law(par)
@@ -172,20 +172,20 @@ def _slip(
     slip = math.sqrt(v * v + w * w)
     if law.on and slip > 0.0:
         g, k = -v / slip, -law.radius * w / slip  # (f1f, m1f) of r = 1
-        b = add4(r.base, along(r, held.q0[0], held.q0[1]))
-        d = along(r, held.q1[0] * g + held.q2[0] * k, held.q1[1] * g + held.q2[1] * k)
+        b = add4(r.base, along(r, active.q0[0], active.q0[1]))
+        d = along(r, active.q1[0] * g + active.q2[0] * k, active.q1[1] * g + active.q2[1] * k)
         traction, jammed, _ = least_traction(law, par, b, d, 1.0, slip, math.inf)
         if jammed or traction == math.inf:
             traction, jammed = 0.0, True
         f, m = traction * g, traction * k
     x = (
-        held.q0[0] + held.q1[0] * f + held.q2[0] * m,
-        held.q0[1] + held.q1[1] * f + held.q2[1] * m,
+        active.q0[0] + active.q1[0] * f + active.q2[0] * m,
+        active.q0[1] + active.q1[1] * f + active.q2[1] * m,
     )
     c = add4(r.base, along(r, x[0], x[1]))
     a = (
-        held.free[0] + held.s[0] * f + held.s[1] * m,
-        held.free[1] + held.s[1] * f + held.s[2] * m,
+        active.free[0] + active.s[0] * f + active.s[1] * m,
+        active.free[1] + active.s[1] * f + active.s[2] * m,
     )
     return Instant(
         a, spring, damper, (f, m), (x[0] - f, x[1] - m), (push[0] + x[0], push[1] + x[1]),
@@ -196,11 +196,11 @@ def _slip(
 @device_function
 def solve_on_disc(
     radius: float, free: Two, s: tuple[float, float, float], base: Four, r: ReducedEquations,
-    held: ActiveLimits, law: Law, par: Array, was_stick: bool,
+    active: ActiveLimits, law: Law, par: Array, was_stick: bool,
 ) -> DiscSolution:  # fmt: skip
     """The disc solution from rest; ``free``: rates without friction, ``s``: mobility."""
-    by_p = along(r, held.q1[0], held.q1[1])
-    by_q = along(r, radius * held.q2[0], radius * held.q2[1])
+    by_p = along(r, active.q1[0], active.q1[1])
+    by_q = along(r, radius * active.q2[0], radius * active.q2[1])
     d = make_disc_problem(
         (0.0, 0.0), (free[0], radius * free[1]), s[0], radius * s[1], radius * radius * s[2],
         base, by_p, by_q,
@@ -216,14 +216,14 @@ def regime_from_rest(
     law = model.law(par)
     _, _, push = forces_on(par, joint, y)
     r = with_forces(equations(par, joint, t, y), push[0], push[1])
-    held = eliminate_limits(r.free, r.s, sides, (0.0, 0.0))
+    active = eliminate_limits(r.free, r.s, sides, (0.0, 0.0))
     if not law.on:
-        return FRICTIONLESS, held.free
+        return FRICTIONLESS, active.free
     tau = SHORT_TIME
-    base = add4(r.base, along(r, held.q0[0], held.q0[1]))
-    s = (tau * held.s[0], tau * held.s[1], tau * held.s[2])
-    free = (tau * held.free[0], tau * held.free[1])
-    found = solve_on_disc(law.radius, free, s, base, r, held, law, par, was_stick)
+    base = add4(r.base, along(r, active.q0[0], active.q0[1]))
+    s = (tau * active.s[0], tau * active.s[1], tau * active.s[2])
+    free = (tau * active.free[0], tau * active.free[1])
+    found = solve_on_disc(law.radius, free, s, base, r, active, law, par, was_stick)
     if found.regime == STICK:
         return STICK, (0.0, 0.0)
     return SLIP, (found.s_end[0] / tau, found.s_end[1] / (tau * law.radius))

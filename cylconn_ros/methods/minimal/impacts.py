@@ -75,16 +75,18 @@ def _impact_impulse(
     rate = -eps * y[coordinates.SLIDE + k]
     sides = (1, others[1]) if k == 0 else (others[0], 1)
     target = (rate, y[coordinates.SPIN]) if k == 0 else (y[coordinates.SLIDE], rate)
-    held = eliminate_limits((y[coordinates.SLIDE], y[coordinates.SPIN]), r.s, sides, target)
+    active = eliminate_limits((y[coordinates.SLIDE], y[coordinates.SPIN]), r.s, sides, target)
     f, m = 0.0, 0.0
     if law.on and law.cap == math.inf:
-        base = along(r, held.q0[0], held.q0[1])
+        base = along(r, active.q0[0], active.q0[1])
         of_impulses = without_preload(law)
-        found = solve_on_disc(law.radius, held.free, held.s, base, r, held, of_impulses, par, False)
+        found = solve_on_disc(
+            law.radius, active.free, active.s, base, r, active, of_impulses, par, False
+        )
         f, m = found.phi[0], law.radius * found.phi[1]
     x = (
-        held.q0[0] + held.q1[0] * f + held.q2[0] * m,
-        held.q0[1] + held.q1[1] * f + held.q2[1] * m,
+        active.q0[0] + active.q1[0] * f + active.q2[0] * m,
+        active.q0[1] + active.q1[1] * f + active.q2[1] * m,
     )
     return x, (f, m)
 

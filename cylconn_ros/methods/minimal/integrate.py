@@ -81,10 +81,10 @@ def begin_phase(
 
     ``pause``: s, to stick before. Returns the time of the first step, and the contact state.
     """
-    stuck, sides, a, held = contact_conditions(par, joint, t, y, locked, was_stick)
+    stuck, sides, a, beyond_limit = contact_conditions(par, joint, t, y, locked, was_stick)
     law = model.law(par)
     if not law.on or stuck or y[coordinates.SLIDE] != 0.0 or y[coordinates.SPIN] != 0.0:
-        return 0.0, ContactState(stuck, sides, locked, False, held, -math.inf)
+        return 0.0, ContactState(stuck, sides, locked, False, beyond_limit, -math.inf)
     if pause > 0.0:
         return 0.0, ContactState(True, sides, locked, False, True, t + min(pause, left))
     taken = start_slip(par, joint, t, y, a, sides, k[0], left)
@@ -156,7 +156,7 @@ def _longest_step(
     """The longest step that the contact state allows, s."""
     if s.stuck:
         pause = s.until - t if s.until > t else math.inf
-        return min(longest_stick_step(joint, y, s.held), pause)
+        return min(longest_stick_step(joint, y, s.beyond_limit), pause)
     longest = math.inf
     if slowing > 0.0:
         longest = events.REST_STEP_SHARE * i.slip / slowing
@@ -211,15 +211,15 @@ def _deceleration(par: Array, i: Instant, y: Array) -> float:
 @device_function
 def _first_event(
     par: Array, joint: Array, t: float, y: Array, h: float, s: ContactState, slip: float,
-    lock_side: float, k: Array, new: Array, system: Array, before: Array, seen: Array,
+    lock_side: float, k: Array, new: Array, system: Array, before: Array, values: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """The first of the events within h, and its time; ``new`` is the state there."""
-    event, least, ended = 0, math.inf, seen.copy()
+    event, least, ended = 0, math.inf, values.copy()
     for c in range(events.NEVENTS):
         if ended[c] < 0.0:
-            seen[c] = ended[c]
+            values[c] = ended[c]
             taken = locate_event(
-                par, joint, t, y, h, s, slip, lock_side, c, k, new, system, before, seen
+                par, joint, t, y, h, s, slip, lock_side, c, k, new, system, before, values
             )  # fmt: skip
             if taken < least:
                 event, least = c, taken
@@ -242,13 +242,13 @@ def _shortest_step(par: Array, i: Instant, tolerance: float) -> float:
 def _switch_integrator(s: ContactState, strained: int, strain: float) -> ContactState:
     """The contact state with the integration method for the stiffness."""
     change = strained >= STIFF_STEPS if not s.stiff else strain <= NONSTIFF_STEP
-    return ContactState(s.stuck, s.sides, s.locked, s.stiff != change, s.held, s.until)
+    return ContactState(s.stuck, s.sides, s.locked, s.stiff != change, s.beyond_limit, s.until)
 
 
 @device_function
 def _step_to_event(
     par: Array, joint: Array, y: Array, end: float, tolerance: float, low: float,
-    g: IntegrationState, k: Array, new: Array, system: Array, before: Array, seen: Array,
+    g: IntegrationState, k: Array, new: Array, system: Array, before: Array, values: Array,
 ) -> tuple[IntegrationState, StepEvent]:  # fmt: skip
     """Make a step, up to the first event within it."""
     t, i, s, law = g.t, g.i, g.s, model.law(par)
@@ -263,7 +263,7 @@ def _step_to_event(
     h, slip, pull = tried.h, i.slip, g.stiffness
     if h == 0.0 and s.stiff:  # did not converge: continue explicitly
         pull = stiffness(par, joint, t, y, s.sides, slip, law.radius, k)
-        s = ContactState(s.stuck, s.sides, s.locked, False, s.held, s.until)
+        s = ContactState(s.stuck, s.sides, s.locked, False, s.beyond_limit, s.until)
         h = max(3.0 / pull, g.floor) if pull > 0.0 else g.h
         state = IntegrationState(t, i, s, h, g.trend, -100, pull, g.floor)
         return state, StepEvent(0, s.locked, 0.0, tried.evaluations)
@@ -271,9 +271,9 @@ def _step_to_event(
         return g, StepEvent(events.JAMS, s.locked, 0.0, tried.evaluations)
     i = derivatives_at(par, joint, t + h, new, s.stuck, s.sides, k[STAGES])
     event, last = -1, h >= end - t
-    if event_functions(par, joint, t + h, i, new, s, lock_side, seen) > 0:
+    if event_functions(par, joint, t + h, i, new, s, lock_side, values) > 0:
         event, h = _first_event(
-            par, joint, t, y, h, s, slip, lock_side, k, new, system, before, seen
+            par, joint, t, y, h, s, slip, lock_side, k, new, system, before, values
         )  # fmt: skip
         last = False
     elif law.on and not s.stuck and not s.stiff:
@@ -300,7 +300,7 @@ def _restart_after_event(
     what: StepEvent, log: Array, count: int, k: Array,
 ) -> tuple[IntegrationState, int]:  # fmt: skip
     """Log an event and restart after it; returns the state and the number of events."""
-    t, kind, held = g.t, what.kind, g.s.held
+    t, kind, beyond_limit = g.t, what.kind, g.s.beyond_limit
     stops = kind == events.JAMS or kind == events.RESTS
     if kind == events.JAMS:
         impose_rates(par, joint, t, y, size_of(joint), (2, 2), _imposed_rates(par, g.s))
@@ -313,9 +313,9 @@ def _restart_after_event(
         i = derivatives_at(par, joint, t + taken, y, s.stuck, s.sides, k[0])
     if kind == events.RESTS and not s.stuck:
         kind = events.REVERSES
-    if kind == events.BREAKS_AWAY and s.held:
+    if kind == events.BREAKS_AWAY and s.beyond_limit:
         kind = events.JAMS
-    if not (held and s.stuck):
+    if not (beyond_limit and s.stuck):
         count = log_event(log, count, t, kind, y, what.restitution)
     h = 10.0 * taken if taken > 0.0 else g.h
     return IntegrationState(t + taken, i, s, h, (0.0, 0.0), 0, 0.0, g.floor), count
@@ -338,7 +338,7 @@ def integrate(
         most: greatest number of steps.
     """
     k, system = np.zeros((STAGES + 1, y.shape[0])), np.zeros((6, 7))
-    new, seen, before = np.zeros(y.shape[0]), np.zeros(events.NEVENTS), np.zeros(events.NEVENTS)
+    new, values, before = np.zeros(y.shape[0]), np.zeros(events.NEVENTS), np.zeros(events.NEVENTS)
     moved = is_motion_imposed(par, 0) or is_motion_imposed(par, 1)
     rest = max(events.REST_SHARE, 0.01 * math.sqrt(tolerance))
     taken, s = begin_phase(par, joint, t, y, k, locked, was_stick, end - t, 0.0)
@@ -370,7 +370,7 @@ def integrate(
             what = StepEvent(events.RESTS, g.s.locked, 0.0, 0)
         else:
             g, what = _step_to_event(
-                par, joint, y, end, tolerance, low, g, k, new, system, before, seen
+                par, joint, y, end, tolerance, low, g, k, new, system, before, values
             )  # fmt: skip
         evaluations += what.evaluations
         if what.kind != 0:

@@ -23,7 +23,7 @@ class ContactState(NamedTuple):
     sides: Sides
     locked: bool
     stiff: bool
-    held: bool  # sticks beyond the friction limit, since slip would jam at once
+    beyond_limit: bool  # sticks beyond the friction limit, since slip would jam at once
     until: float  # s: sticks at least until this time, so that the integration advances
 
 

@@ -22,6 +22,7 @@ from cylconn_ros.ros.connector.markers import RATE, Markers
 from cylconn_ros.ros.executor import rcl
 from cylconn_ros.ros.executor.executor import InputSubscription, Receive
 from cylconn_ros.ros.message_types import message_class
+from cylconn_ros.scene.inputs import STREAM_NUMBER
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
 
@@ -31,7 +32,7 @@ Receiver = Callable[[str, str], Receive]
 
 def is_triggering(name: str) -> bool:
     """Return True if messages of an input can complete a sample (not loads and commands)."""
-    return not name.endswith(("load", "command"))
+    return name in STREAM_NUMBER
 
 
 class Topics:

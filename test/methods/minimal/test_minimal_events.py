@@ -51,7 +51,7 @@ def test_4_binding_ratio(mu: float) -> None:
 
 @pytest.mark.parametrize("share", [0.9999, 1.0001, 1.1])
 def test_5_journal_pendulum(share: float) -> None:
-    """Just beyond the verge it creeps off: friction is 50000 times what accelerates it (stiff)."""
+    """Just beyond the limit it creeps: friction is 50000 times the accelerating force (stiff)."""
     theta = share * math.asin(0.3 * 0.02 / 0.1)
     com = (0.0, 0.1 * math.sin(theta), -0.1 * math.cos(theta))
     found = solve(sleeve(com=com, friction={"coefficient": 0.3, "radius": 0.02}), 0.5, 1e-10)
@@ -76,7 +76,7 @@ def test_6_slider_on_an_incline() -> None:
 
 @pytest.mark.parametrize("eps", [1.0, 0.5, 0.0])
 def test_7_between_two_stops(eps: float) -> None:
-    """The n-th crossing takes w/(v0 eps^n); with eps = 0 one contact absorbs all."""
+    """The n-th crossing takes w/(v0 eps^n); with eps = 0 one contact stops it."""
     stops = {"l_min": -0.1, "l_max": 0.1, "restitution": eps}
     found = solve(sleeve(v=1.0, l0=0.0, gravity=[0.0, 0.0, 0.0], stops=stops), 1.0)
     times = [event.time for event in found.events]
@@ -91,7 +91,7 @@ def test_7_between_two_stops(eps: float) -> None:
 
 
 def test_a_ball_bounces_to_rest() -> None:
-    """Bounces on a stop under gravity end after t = v/g (1 + eps)/(1 - eps), then it lies."""
+    """Bounces on a stop under gravity end after t = v/g (1 + eps)/(1 - eps), then it rests."""
     eps, g = 0.5, 9.81
     stops = {"l_max": 0.2, "restitution": eps}
     scene = sleeve(shaft=about_y(0.5 * math.pi), v=-1.0, stops=stops)
@@ -102,8 +102,8 @@ def test_a_ball_bounces_to_rest() -> None:
     assert found.reaction[-1, 0] == pytest.approx(-2.0 * g)
 
 
-def test_a_stop_lets_go_when_its_reaction_would_pull() -> None:
-    """A turning rod presses a bead against the outer stop; a spring takes it off, once."""
+def test_a_stop_releases_if_its_reaction_would_pull() -> None:
+    """A rotating rod presses a bead against the outer stop; a spring pulls it off once."""
     scene = sleeve(
         v=1.0, l0=0.0, gravity=[0.0, 0.0, 0.0], stops={"l_max": 0.1}, elasticity={"k1": 50.0}
     )
@@ -113,7 +113,7 @@ def test_a_stop_lets_go_when_its_reaction_would_pull() -> None:
 
 
 def test_8_dry_friction_oscillator() -> None:
-    """It rests at the exact half-cycle value, 2F/k less each time."""
+    """It rests at the exact half-cycle value, 2F/k less per half cycle."""
     k, force, m = 800.0, 0.3 * 2.0 * 9.81, 2.0
     friction = {"coefficient": 0.3, "radius": 0.02}
     scene = sleeve(mass=m, v=1.0, l0=0.0, elasticity={"k1": k}, friction=friction)
@@ -127,8 +127,8 @@ def test_8_dry_friction_oscillator() -> None:
     assert found.length[-1] == pytest.approx(points[-1], abs=1e-13)
 
 
-def test_stick_breaks_away_where_it_must() -> None:
-    """On a rod that tips over evenly: what stick needs meets mu_s FN, found to the last digits."""
+def test_stick_breaks_away_at_the_limit() -> None:
+    """On a rod that tilts at a constant rate: breakaway at mu_s FN, located to the last digits."""
     friction = {"coefficient": 0.2, "static_coefficient": 0.5, "decay": 50.0, "radius": 0.02}
     scene = pair(
         v=0.0, spin=0.0, turning=(0.0, 1.0, 0.0), gravity=[0.0, 0.0, -9.81], l0=0.05,
@@ -145,7 +145,7 @@ def test_stick_breaks_away_where_it_must() -> None:
 
 @pytest.mark.parametrize("d", [0.05, 0.0999, 0.1001, 0.2, 1.0])
 def test_jam(d: float) -> None:
-    """C = 2 mu d/L: below 1 |f1| = mu N0/(1 - c), from 1 on it stops at once and stays."""
+    """For c = 2 mu d/L below 1 |f1| = mu N0/(1 - c); from 1 on it stops at once and stays."""
     scene = sleeve(
         mass=1.0,
         com=(0.0, 0.0, d),
@@ -164,7 +164,7 @@ def test_jam(d: float) -> None:
         assert (moved(found), found.velocity[-1], found.regime[-1]) == (0.0, 0.0, STICK)
 
 
-def test_11_three_answers() -> None:
+def test_11_three_solutions() -> None:
     """From slip the least of three: f1 = 3.5 N."""
     scene = sleeve(
         mass=1.0,
@@ -196,7 +196,7 @@ def test_cap_and_table() -> None:
 
 @pytest.mark.parametrize("criterion", [{"position": 0.3}, {"force": 4.0}])
 def test_lock(criterion: dict[str, float]) -> None:
-    """The slide locks where it is told, or when its spring pulls harder than told; spin goes on."""
+    """The slide locks at the position or at the spring force of the lock; spin continues."""
     scene = sleeve(
         v=1.0, l0=0.0, spin=3.0, gravity=[0.0, 0.0, 0.0], elasticity={"k1": 20.0},
         lock={"component": "slide", **criterion},
@@ -211,8 +211,8 @@ def test_lock(criterion: dict[str, float]) -> None:
 # --- imposed motion ---
 
 
-def test_an_imposed_slide_goes_as_told_and_turns_friction_away_from_the_spin() -> None:
-    """With v constant u' = -k a u/s, s^2 = u^2 + v^2: v ln(u/(v + s)) + s falls by k a t."""
+def test_an_imposed_slide_reduces_friction_of_the_spin() -> None:
+    """With v constant u' = -k a u/s, s^2 = u^2 + v^2: v ln(u/(v + s)) + s decreases by k a t."""
     v, mu, radius, mass, inertia = 0.3, 0.2, 0.02, 2.0, 0.02
     friction = {"coefficient": mu, "radius": radius}
     scene = sleeve(spin=100.0, friction=friction, command={"slide": {"velocity": v}})
@@ -230,7 +230,7 @@ def test_an_imposed_slide_goes_as_told_and_turns_friction_away_from_the_spin() -
     assert np.all(found.reaction[:, 1] == 0.0)
 
 
-def test_an_imposed_position_is_taken_at_once_and_moves_on_with_its_rate() -> None:
+def test_an_imposed_position_is_set_at_once_and_moves_at_its_rate() -> None:
     command = {"slide": {"position": 0.35, "velocity": -0.2}}
     found = solve(sleeve(v=1.0, spin=3.0, command=command), 0.5)
     assert found.length == pytest.approx([0.35, 0.25], abs=1e-14)
@@ -263,7 +263,7 @@ def test_a_lock_ends_an_imposed_motion_and_a_stop_does_not() -> None:
     assert found.length[-1] == pytest.approx(0.7)
 
 
-# --- what it refuses ---
+# --- refused scenes ---
 
 
 def test_an_unknown_inertia_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The method minimal offline, between events: accuracy, order, conservation; lean as full."""
+"""Method minimal between events: accuracy, order, conservation, fixed-base reduction."""
 
 import dataclasses
 import math
@@ -9,10 +9,10 @@ import pytest
 from scenes import about_y, bundled, order, pair, rotation, sleeve
 
 from cylconn_ros.core import plant
-from cylconn_ros.methods.minimal import coordinates as place
-from cylconn_ros.methods.minimal import dense_output as report
+from cylconn_ros.methods.minimal import coordinates, dense_output
 from cylconn_ros.methods.minimal.derivatives import INTEGRALS
 from cylconn_ros.methods.minimal.events import LOG_WIDTH
+from cylconn_ros.methods.minimal.initial import DEFAULT_TOLERANCE, tolerance_of
 from cylconn_ros.reference import constant_normal_force, free_pair, slide_and_spin
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
@@ -30,7 +30,7 @@ def moved(found: Solution) -> float:
 
 
 def test_the_error_follows_the_tolerance_on_slide_and_spin() -> None:
-    """Closed form; 1e-10 m and far below, at an effort that grows by an eighth root."""
+    """Closed form; 1e-10 m and below, with an effort that grows with the eighth root."""
     time, distance = constant_normal_force(1.0, 1.0, 1.0 / (0.2 * 9.81))
     efforts = []
     for rtol, error in ((1e-6, 1e-8), (1e-8, 1e-10), (1e-10, 1e-11), (1e-12, 1e-13)):
@@ -42,8 +42,17 @@ def test_the_error_follows_the_tolerance_on_slide_and_spin() -> None:
     assert efforts[2] < 3.0 * efforts[0] < 1000
 
 
+def test_a_stated_tolerance_sets_that_of_the_steps() -> None:
+    """A hundredth of the scene's tolerance, or the default."""
+    scene = bundled("demo")
+    rough = dataclasses.replace(scene, tolerance=1e-2)
+    assert tolerance_of(pack(scene)) == DEFAULT_TOLERANCE
+    assert tolerance_of(pack(rough)) == pytest.approx(1e-4)
+    assert solve(rough, 1.0).evaluations < 0.5 * solve(scene, 1.0).evaluations
+
+
 def test_at_least_fifth_order_on_smooth_pieces() -> None:
-    """Error over effort, two free bodies: the slope of an order well beyond five."""
+    """Error over effort for two free bodies: the slope is that of an order above five."""
     scene = pair(friction=FRICTION, gravity=[0.0, 0.0, -1.0])
     exact = solve(scene, 0.48, 1e-14)
     errors, steps = [], []
@@ -92,8 +101,8 @@ def test_two_free_bodies_keep_momentum_and_energy(mass_a: float) -> None:
     np.testing.assert_allclose(energy, energy[0], rtol=1e-10)
 
 
-def test_friction_takes_the_energy_that_it_reports() -> None:
-    """Energy lost = integral of P |s|; pointwise, friction is on the disc and against slip."""
+def test_friction_dissipates_the_reported_energy() -> None:
+    """Energy lost = integral of P |s|; friction is always at its limit and opposes slip."""
     scene = pair(friction=FRICTION)
     par = pack(scene, plant=True)
     times = np.linspace(0.0, 0.5, 2001)
@@ -112,8 +121,8 @@ def test_friction_takes_the_energy_that_it_reports() -> None:
     np.testing.assert_allclose(power, -np.hypot(*phi.T) * np.hypot(*s.T), rtol=1e-12)
 
 
-def test_which_body_is_grounded_does_not_matter() -> None:
-    """The sleeve free on a fixed shaft, and the same pair with the names exchanged, no bending."""
+def test_the_motion_does_not_depend_on_which_body_is_fixed() -> None:
+    """A sleeve free on a fixed shaft, and the same pair with exchanged names, without bending."""
     com = (0.01, 0.02, 0.0)
     one = sleeve(v=0.5, spin=10.0, com=com, l0=0.0, friction=FRICTION | {"overlap": 0.0})
     values = dict(one.parameters())
@@ -129,7 +138,7 @@ def test_which_body_is_grounded_does_not_matter() -> None:
     assert moved(a) == pytest.approx(-moved(b), abs=1e-11)
 
 
-def test_a_bead_on_a_turning_rod() -> None:
+def test_a_bead_on_a_rotating_rod() -> None:
     """A driven body keeps its twist: l = l0 cosh(w t)."""
     scene = pair(v=0.0, spin=0.0, turning=(0.0, 0.0, 2.0), body_b={"com": [0.0, 0.0, 0.0]})
     driven = Scene.from_parameters({**scene.parameters(), "body_a.kind": "driven"})
@@ -137,7 +146,7 @@ def test_a_bead_on_a_turning_rod() -> None:
 
 
 def test_a_held_misalignment_stays_and_does_no_work() -> None:
-    """B turns about its own axis, which keeps its angle to the slot; energy is kept."""
+    """B rotates about its own axis at a constant angle to the slot; energy is constant."""
     tilt = about_y(0.3)
     scene = sleeve(v=0.5, spin=0.0, gravity=[0.0, 0.0, 0.0], com=(0.01, 0.02, 0.0))
     axis = rotation(tilt)[:, 0]
@@ -157,10 +166,10 @@ def test_a_held_misalignment_stays_and_does_no_work() -> None:
         assert plant.energy(par, state) == pytest.approx(plant.energy(par, found.states[0]))
 
 
-# --- lean as full ---
+# --- reduced models ---
 
 
-def test_a_lean_model_is_the_full_one_with_zeros() -> None:
+def test_a_reduced_model_equals_the_full_one_with_zeros() -> None:
     base = pair(friction={**FRICTION, "overlap": 0.0})
     changes: dict[str, Any] = {"overlap": 1e300, "static_coefficient": 0.2}
     full = dataclasses.replace(base, friction=dataclasses.replace(base.friction, **changes))
@@ -171,8 +180,8 @@ def test_a_lean_model_is_the_full_one_with_zeros() -> None:
 
 
 @pytest.mark.parametrize("friction", [{}, {**FRICTION, "preload": -2.0}])
-def test_on_a_fixed_shaft_the_lean_equations_are_the_general_ones(friction: dict[str, Any]) -> None:
-    """Read off at four places, they hold at all: the same motion to 1e-12, loads and all."""
+def test_the_fixed_base_reduction_equals_the_general_equations(friction: dict[str, Any]) -> None:
+    """Evaluated at four configurations, it holds at all: the same motion to 1e-12, with loads."""
     load = [1.0, -2.0, 0.5, 0.1, 0.02, -0.03]
     scene = sleeve(
         v=1.0, spin=20.0, com=(0.01, 0.02, -0.015), shaft=about_y(0.4), friction=friction,
@@ -182,21 +191,21 @@ def test_on_a_fixed_shaft_the_lean_equations_are_the_general_ones(friction: dict
     found = []
     for lean in (1.0, 0.0):
         par, joint, y = initial(scene)
-        assert joint[place.FIXED_SHAFT] == 1.0
-        joint[place.FIXED_SHAFT] = lean
-        rows = np.zeros((3, report.WIDTH))
+        assert joint[coordinates.FIXED_SHAFT] == 1.0
+        joint[coordinates.FIXED_SHAFT] = lean
+        rows = np.zeros((3, dense_output.WIDTH))
         times = np.array([0.0, 0.15, 0.3])
-        ran = report.trajectory(
+        ran = dense_output.trajectory(
             par, joint, y, times, 1e-12, 0.01, rows, np.zeros((9, LOG_WIDTH)), 100000
         )
         assert ran.complete
         found.append(rows)
-    lean_one, general = (rows[:, : report.INTEGRALS] for rows in found)
+    lean_one, general = (rows[:, : dense_output.INTEGRALS] for rows in found)
     np.testing.assert_allclose(lean_one, general, rtol=1e-12, atol=1e-12)
 
 
-def test_coordinates_are_as_few_as_the_bodies_leave() -> None:
-    """Two with one body grounded, eight with both free; velocities likewise, a quaternion more."""
+def test_the_number_of_coordinates_is_minimal() -> None:
+    """Two with one body prescribed, eight with both free; velocities likewise."""
     for scene, size in ((sleeve(), 4), (pair(), 17)):
         _, _, y = initial(scene)
         assert len(y) == size + INTEGRALS

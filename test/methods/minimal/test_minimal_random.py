@@ -1,7 +1,7 @@
-"""The method minimal on random scenes: it comes to an end, with finite numbers and no new energy.
+"""Method minimal on random scenes: it reaches the end with finite numbers and without energy gain.
 
-Scenes are drawn where solutions crowd or vanish: mu to 10, bearing lengths of a millimetre, preload
-of either sign, caps, stops with any restitution, springs. In HARD stand some that ended badly once.
+The scenes have many or no friction solutions: mu up to 10, overlap lengths of a millimetre, preload
+of either sign, caps, stops with any restitution, springs. HARD lists scenes that failed earlier.
 """
 
 import math
@@ -22,8 +22,8 @@ TIMES = np.linspace(0.0, 0.3, 4)
 REST_LENGTH = 0.2
 
 
-def drawn(number: int) -> Scene:
-    """A scene that its number decides."""
+def random_scene(number: int) -> Scene:
+    """The random scene of this number."""
     rng = np.random.default_rng((SEED, number))
 
     def one(*values: float) -> float:
@@ -65,26 +65,26 @@ def drawn(number: int) -> Scene:
 
 
 def energy(scene: Scene, found: Solution) -> Array:
-    """Of both bodies and the springs, which are at ease where they start."""
+    """Energy of both bodies and of the springs, which are relaxed at the start, J."""
     par, k = pack(scene, plant=True), scene.elasticity
     bodies = np.array([plant.energy(par, state) for state in found.states])
-    stretch, twist = found.length - REST_LENGTH, found.angle - found.angle[0]
-    return np.asarray(bodies + 0.5 * k.k1 * stretch**2 + 0.5 * k.kr1 * twist**2)
+    elongation, twist = found.length - REST_LENGTH, found.angle - found.angle[0]
+    return np.asarray(bodies + 0.5 * k.k1 * elongation**2 + 0.5 * k.kr1 * twist**2)
 
 
-# Slip that jams as soon as it begins, again and again, or that needs the greater of two tractions;
-# and bounces, stiff slip and stick at the verge in plenty.
+# Slip that jams repeatedly as soon as it starts, or that needs the greater of two tractions; many
+# bounces, stiff slip, and stick close to breakaway.
 HARD = (64, 74, 496, 583, 585, 863, 871, 1189, 1403, 1800, 1880, 2039)
-# A cap on P: at the verge of a jam P leaps to it, and slip is driven to and fro over that verge.
-CROWDED = (57, 1756, 2369)
+# A cap on P: close to a jam P jumps to it, and slip alternates between the two sides.
+ACCUMULATING = (57, 1756, 2369)
 
 
 @pytest.mark.parametrize("numbers", [range(120), HARD])
-def test_random_scenes_come_to_their_end(numbers: range | tuple[int, ...]) -> None:
+def test_random_scenes_reach_the_end(numbers: range | tuple[int, ...]) -> None:
     for number in numbers:
-        scene = drawn(number)
+        scene = random_scene(number)
         found = solve(scene, TIMES[-1], 1e-9, TIMES)
-        assert found.coarse == math.inf or number in CROWDED, number
+        assert found.coarse == math.inf or number in ACCUMULATING, number
         assert np.all(np.isfinite(found.rows)), number
         values = energy(scene, found)
         assert np.max(np.diff(values)) <= 1e-7 * np.abs(values).max() + 1e-12, number
@@ -100,10 +100,10 @@ def test_random_scenes_come_to_their_end(numbers: range | tuple[int, ...]) -> No
         np.testing.assert_allclose(power, against, rtol=1e-12, atol=1e-14, err_msg=str(number))
 
 
-@pytest.mark.parametrize("number", CROWDED)
-def test_what_crowds_is_passed_over_and_said(number: int) -> None:
-    """Never an end in the middle: steps get as coarse as it takes, and the answer converges."""
-    scene = drawn(number)
+@pytest.mark.parametrize("number", ACCUMULATING)
+def test_accumulating_events_are_passed_and_reported(number: int) -> None:
+    """The end is reached with coarser steps, from the time `coarse` on; the result converges."""
+    scene = random_scene(number)
     rough, fine = (solve(scene, 0.3, 1e-9, TIMES, most) for most in (4000, 16000))
     for found in (rough, fine):
         assert 0.0 < found.coarse < 0.3
@@ -114,9 +114,9 @@ def test_what_crowds_is_passed_over_and_said(number: int) -> None:
     assert rough.length[-1] == pytest.approx(fine.length[-1], abs=1e-4)
 
 
-def test_stick_is_held_where_slip_would_jam_at_once() -> None:
-    """Friction takes more than its limit then: the mean of the impulses of jams without end."""
-    found = solve(drawn(496), 0.3, 1e-9, TIMES)
+def test_stick_holds_if_slip_would_jam_at_once() -> None:
+    """Friction then exceeds its limit: it is the mean of the impulses of infinitely many jams."""
+    found = solve(random_scene(496), 0.3, 1e-9, TIMES)
     assert [event.kind for event in found.events] == ["jams"]
     assert np.all(found.regime[1:] == STICK)
     assert np.all(found.traction[1:] > found.limit[1:])

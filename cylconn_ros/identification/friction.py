@@ -9,12 +9,15 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identify import static
-from cylconn_ros.identify.intervals import Intervals, measure_intervals
-from cylconn_ros.identify.kinetic import (
+from cylconn_ros.errors import IdentifyError, UnknownNameError
+from cylconn_ros.identification import static
+from cylconn_ros.identification.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.kinetic import (
     MIN_SIGNAL_TO_NOISE,
     NAMES,
+    OVERLAP,
+    PRELOAD,
+    RADIUS,
     ContactLoads,
     FrictionLaw,
     KineticFit,
@@ -24,8 +27,8 @@ from cylconn_ros.identify.kinetic import (
     slip_direction,
     well_above_noise,
 )
-from cylconn_ros.identify.segments import Segment, find_segments, slip_rate, slip_threshold
-from cylconn_ros.identify.windows import Windows, cut_windows
+from cylconn_ros.identification.segments import Segment, find_segments, slip_rate, slip_threshold
+from cylconn_ros.identification.windows import Windows, cut_windows
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
@@ -61,6 +64,10 @@ class Estimate:
     high: float
     unit: str
     note: str
+
+    def __post_init__(self) -> None:
+        for name in ("value", "low", "high"):  # Python floats also for NumPy scalars
+            object.__setattr__(self, name, float(getattr(self, name)))
 
     @property
     def found(self) -> bool:
@@ -105,13 +112,11 @@ class Identification:
     static: static.StaticFriction
 
     def __getitem__(self, name: str) -> Estimate:
-        """Return an estimate by name; raise IdentifyError that lists the names if unknown."""
+        """Return an estimate by name; raise UnknownNameError if there is none."""
         try:
             return self.estimates[name]
         except KeyError:
-            raise IdentifyError(
-                f"no estimate {name!r}; available: {', '.join(self.estimates)}"
-            ) from None
+            raise UnknownNameError(name, self.estimates) from None
 
 
 def estimate_friction(
@@ -238,9 +243,9 @@ def _fit_excited(
         The fit, and for every other parameter in ``free`` the reason why it is held.
     """
     notes: dict[str, str] = {}
-    if 2 in free and len(free) > 1 and loads.signal_to_noise[1] < MIN_SIGNAL_TO_NOISE:
+    if OVERLAP in free and len(free) > 1 and loads.signal_to_noise[1] < MIN_SIGNAL_TO_NOISE:
         notes["overlap"] = "not excited: there is no bending moment beyond noise"
-        free = [j for j in free if j != 2]
+        free = [j for j in free if j != OVERLAP]
     # A first estimate of the coefficient, for the predicted deviations.
     traction = np.hypot(w.wrench[:, 0], w.wrench[:, 3] / start.radius)
     guess = float(traction.mean() / max(start.normal(loads.radial, loads.moment).mean(), 1e-300))
@@ -285,7 +290,7 @@ def _least_excited(w: Windows, loads: ContactLoads, law: FrictionLaw, free: list
 
     Among nearly equal ones: bending before preload before radius.
     """
-    order = [k for k in (2, 1, 3) if k in free]
+    order = [k for k in (OVERLAP, PRELOAD, RADIUS) if k in free]
     left = [
         float(predicted_deviations(w, loads, law, [j for j in free if j != k]).max()) for k in order
     ]
@@ -295,16 +300,16 @@ def _least_excited(w: Windows, loads: ContactLoads, law: FrictionLaw, free: list
 
 def _not_excited(k: int, w: Windows, loads: ContactLoads, law: FrictionLaw) -> str:
     """Return the reason why a motion does not determine a parameter."""
-    if NAMES[k] == "radius":
+    if k == RADIUS:
         spin = np.abs(w.rates[:, 1]) * law.radius
         share = spin / np.maximum(np.hypot(w.rates[:, 0], spin), 1e-300)
         if share.max() < 0.1:
             return "not excited: it slides and hardly spins"
         if share.min() > 0.9:
-            return "not excited: it spins and hardly slides, which shows mu R alone"
+            return "not excited: it spins and hardly slides, which determines only mu R"
         return "not excited: the ratio of slide to spin hardly changes"
     radial = f"{loads.radial.min():.3g} to {loads.radial.max():.3g} N"
-    if NAMES[k] == "overlap":
+    if k == OVERLAP:
         if 2.0 * loads.moment.max() < 1e-3 * loads.radial.mean() * law.radius:
             return "not excited: there is no bending moment"
         bending = f"{loads.moment.min():.3g} to {loads.moment.max():.3g} N.m"
@@ -371,14 +376,8 @@ def _estimates(
 def _overlap(bending: float, low: float, high: float) -> Estimate:
     """Convert 2/L to L; if the interval of 2/L contains zero, L has no upper bound."""
     if high <= 0.0:
-        return Estimate(
-            "overlap",
-            np.nan,
-            np.nan,
-            np.nan,
-            "m",
-            "the traction decreases with bending: the law does not apply",
-        )
+        note = "the traction decreases with bending: the law does not apply"
+        return Estimate("overlap", np.nan, np.nan, np.nan, "m", note)
     value = 2.0 / bending if bending > 0.0 else np.inf
     upper = 2.0 / low if low > 0.0 else np.inf
     note = "" if low > 0.0 else "the effect of bending may be zero"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cylconn_ros.identify.friction import Identification
+from cylconn_ros.identification.friction import Identification
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

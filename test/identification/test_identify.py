@@ -16,10 +16,10 @@ from scipy.stats import binom
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identify import cubics
-from cylconn_ros.identify.friction import estimate_friction
-from cylconn_ros.identify.kinetic import ContactLoads, FrictionLaw, fit_law
-from cylconn_ros.identify.windows import Windows
+from cylconn_ros.identification import cubics
+from cylconn_ros.identification.friction import estimate_friction
+from cylconn_ros.identification.kinetic import ContactLoads, FrictionLaw, fit_law
+from cylconn_ros.identification.windows import Windows
 from cylconn_ros.recording.samples import RecordedSample
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant
@@ -230,7 +230,7 @@ def test_parameters_without_excitation_are_not_estimated() -> None:
 def test_a_spin_determines_only_mu_times_radius() -> None:
     scene = sleeve(spin=40.0, com=(0.0, 0.01, 0.0), **FRICTION)
     found = estimate_friction(scene, evenly(measured(motion_of(scene, 600), 4)))
-    assert "shows mu R alone" in found.estimates["radius"].note
+    assert "determines only mu R" in found.estimates["radius"].note
 
 
 def test_known_parameters_narrow_the_others() -> None:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identify.friction import PARAMETERS, Identification, estimate_friction
+from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.samples import synchronized_samples
 from cylconn_ros.scene.scene import Scene
 
 
-def identify_recording(
+def identify(
     recording: Path | str | Run,
     scene: Scene | None = None,
     *,
@@ -48,10 +48,12 @@ def identify_recording(
         SceneError: an inertia is unknown.
         ImportError: scipy is not installed.
 
-    Examples
-    --------
-        >>> estimate = cr.identify("bag", cr.load("joint.yaml"))  # doctest: +SKIP
-        >>> estimate["coefficient"].value, estimate["coefficient"].low  # doctest: +SKIP
+    Example::
+
+        run = cr.read_run("bag")
+        scene = cr.Scene.from_parameters(run.parameters)
+        estimate = cr.identify(run, scene, known={"overlap": None})
+        estimate["coefficient"].value, estimate["coefficient"].low, estimate["coefficient"].high
     """
     if isinstance(recording, Run):
         run = recording.select(connector) if connector else recording
@@ -67,7 +69,7 @@ def identify_recording(
 def _stored_scene(run: Run) -> Scene:
     if not run.parameters:
         raise IdentifyError(
-            f"{run.path}: no parameters were stored with it; give inertia, nodes and friction as a "
+            "no parameters were stored with the recording; give inertia, nodes and friction as a "
             "scene (with --params FILE)"
         )
     return Scene.from_parameters(run.parameters)
@@ -91,6 +93,6 @@ def _refuse_drives(run: Run) -> None:
         name = topic.rsplit("/", 1)[-1]
         if name == "command" and kind == "sensor_msgs/msg/JointState" and run.counts[topic]:
             raise IdentifyError(
-                f"{run.path}: {run.counts[topic]} commands on {topic} drove slide or spin; "
+                f"{run.counts[topic]} commands on {topic} drove slide or spin; "
                 "friction cannot be separated from the force of the drive"
             )

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identify.cubics import noise_covariance
-from cylconn_ros.identify.intervals import Intervals
-from cylconn_ros.identify.kinetic import FrictionLaw, KineticFit, law_from_vector
-from cylconn_ros.identify.segments import MIN_SEGMENT, Segment, slip_rate, slip_threshold
-from cylconn_ros.identify.windows import NOISE_VARIANCE_ERROR, cut_windows, impulses
+from cylconn_ros.identification.cubics import noise_covariance
+from cylconn_ros.identification.intervals import Intervals
+from cylconn_ros.identification.kinetic import FrictionLaw, KineticFit, law_from_vector
+from cylconn_ros.identification.segments import MIN_SEGMENT, Segment, slip_rate, slip_threshold
+from cylconn_ros.identification.windows import NOISE_VARIANCE_ERROR, cut_windows, impulses
 
 Array = NDArray[np.float64]
 
@@ -152,8 +152,8 @@ def _breakaway(
     measured: Intervals, before: Segment, after: Segment, radius: float
 ) -> Breakaway | None:
     """Return the forces at the transition from rest to slip; None if it cannot be evaluated."""
-    gap = slice(before.last, after.first)
-    if not measured.usable[gap].all() or measured.dt[gap].sum() > MAX_BREAKAWAY_TIME:
+    between = slice(before.last, after.first)
+    if not measured.usable[between].all() or measured.dt[between].sum() > MAX_BREAKAWAY_TIME:
         return None
     time, spread = _breakaway_time(measured, after, radius)
     last = before.last
@@ -172,10 +172,10 @@ def _breakaway(
         allowed = 1.0 + 3.0 * np.sqrt(2.0 / freedom + NOISE_VARIANCE_ERROR / len(p))
         smooth = np.square(rest).sum(axis=0) <= allowed * freedom * np.diag(white)
         if smooth.all() or size < 2 * MIN_SEGMENT:
-            long = ts[-1] - ts[0]
-            slope, bend = solve[1] / long, 2.0 * solve[2] / long**2
-            forces, growth = slope @ p, bend @ p
-            cov = white * (slope @ slope) + np.outer(growth, growth) * spread**2
+            duration = ts[-1] - ts[0]
+            slope, curvature = solve[1] / duration, 2.0 * solve[2] / duration**2
+            forces, rates = slope @ p, curvature @ p
+            cov = white * (slope @ slope) + np.outer(rates, rates) * spread**2
             return Breakaway(time, forces, cov)
         size //= 2
     return None
@@ -197,11 +197,11 @@ def _breakaway_time(measured: Intervals, after: Segment, radius: float) -> tuple
     last = max(last, after.first + (int(fast[0]) if len(fast) else len(s)))
     last = min(last, after.last, after.first + MAX_ONSET)
     s, t = s[: last - after.first], measured.time[after.first : last]
-    to = s.mean(axis=0) / np.linalg.norm(s.mean(axis=0))
+    along = s.mean(axis=0) / np.linalg.norm(s.mean(axis=0))
     latest = float(measured.time[after.first - 1])
     begins, own = [], []
     for power in (1.0, 2.0):
-        found, spread = _onset(t, s @ to, power, deviation)
+        found, spread = _onset(t, s @ along, power, deviation)
         begins.append(min(max(found, latest - MAX_BREAKAWAY_TIME), latest))
         own.append(spread)
     begin = begins[1] + ONSET_OFFSET * (begins[0] - begins[1])
@@ -218,11 +218,11 @@ def _onset(t: Array, s: Array, power: float, deviation: float) -> tuple[float, f
     rest = float(np.square(y * weight - design @ values).sum())
     if values[1] <= 0.0:
         return float(t[0]), 0.0
-    noisy = max(rest / max(len(t) - 2, 1), (deviation / power) ** 2)
-    cov = noisy * np.linalg.pinv(design.T @ design)
-    ahead = -values[0] / values[1]
-    slope = np.array([1.0, ahead]) / values[1]
-    return float(t[0] + ahead), float(np.sqrt(slope @ cov @ slope))
+    variance = max(rest / max(len(t) - 2, 1), (deviation / power) ** 2)
+    cov = variance * np.linalg.pinv(design.T @ design)
+    offset = -values[0] / values[1]
+    slope = np.array([1.0, offset]) / values[1]
+    return float(t[0] + offset), float(np.sqrt(slope @ cov @ slope))
 
 
 def breakaway_interval(rest: StaticFriction) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from scenes import bundled
 from test_identify import measured, motion_of
 
 from cylconn_ros.cli.main import main
-from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identify.recording import identify_recording
+from cylconn_ros.errors import IdentifyError, UnknownNameError
+from cylconn_ros.identification.recording import identify
 
 Array = NDArray[np.float64]
 
@@ -100,17 +100,17 @@ def test_a_recording_of_the_real_node(capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_the_function_gives_the_result_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     bag = BAGS / "lossy"
-    found = identify_recording(bag, known={"preload": None, "radius": 0.02})
+    found = identify(bag, known={"preload": None, "radius": 0.02})
     assert found["preload"].value == 4.0
     assert found["coefficient"].low <= 0.2 <= found["coefficient"].high
     known = ["--known", "preload", "--known", "radius=0.02"]
     assert main(["identify", str(bag), *known, "--json", "-"]) == 0
     mu = json.loads(capsys.readouterr().out)["estimates"]["friction.coefficient"]
     assert mu["interval_95"] == [found["coefficient"].low, found["coefficient"].high]
-    with pytest.raises(IdentifyError, match="no estimate 'mu'; available: coefficient, preload"):
+    with pytest.raises(UnknownNameError, match="mu: no such name; there are coefficient, preload"):
         found["mu"]
     with pytest.raises(IdentifyError, match="'mass' is not one of preload, overlap, radius"):
-        identify_recording(bag, known={"mass": 1.0})
+        identify(bag, known={"mass": 1.0})
 
 
 def test_a_bag_of_other_software_at_uneven_rates(
@@ -149,7 +149,7 @@ def test_a_bag_of_other_software_at_uneven_rates(
             data = store.serialize_cdr(message, odometry.__msgtype__)
             writer.write(topic, int(k) * 1_000_000, data)
     assert main(["identify", str(bag)]) == 2
-    assert "no parameters were stored with it" in capsys.readouterr().err
+    assert "no parameters were stored with the recording" in capsys.readouterr().err
     params = CONFIG / "demo.yaml"
     theirs = ["--params", str(params), "--topic", "body_b/odom:=/drawer/odom", "--json", "-"]
     assert main(["identify", str(bag), *theirs]) == 0

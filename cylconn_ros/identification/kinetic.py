@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identify.windows import Windows
+from cylconn_ros.identification.windows import Windows
 
 Array = NDArray[np.float64]
 
 NAMES = ("coefficient", "preload", "overlap", "radius")
+COEFFICIENT, PRELOAD, OVERLAP, RADIUS = range(len(NAMES))
 MIN_SIGNAL_TO_NOISE = 9.0  # mean square of a force over that of its noise
 BEYOND = 3.0  # standard deviations by which a mean square must exceed that of the noise
 MIN_DEVIATIONS = 3.0  # standard deviations by which a force must differ from zero
@@ -78,16 +79,16 @@ class ContactLoads:
 
     @classmethod
     def of(cls, w: Windows) -> ContactLoads:
-        """Compute them of windows."""
+        """Compute the loads of windows."""
         gradient = np.zeros((len(w), 2, 6))
         values, ratios = [], []
         for row, at in enumerate((slice(1, 3), slice(4, 6))):
             vector, cov = w.wrench[:, at], w.covariance[:, at, at]
             size = np.maximum(np.linalg.norm(vector, axis=1), 1e-300)
             u = vector / size[:, None]
-            whole = np.trace(cov, axis1=1, axis2=2)
-            across = whole - np.einsum("ni,nij,nj->n", u, cov, u)
-            square, white = float(np.square(size).mean()), max(float(whole.mean()), 1e-300)
+            total = np.trace(cov, axis1=1, axis2=2)
+            across = total - np.einsum("ni,nij,nj->n", u, cov, u)
+            square, white = float(np.square(size).mean()), max(float(total.mean()), 1e-300)
             ratios.append(square / white)
             if ratios[-1] >= MIN_SIGNAL_TO_NOISE:
                 values.append(np.sqrt(np.maximum(size**2 - across, 0.0)))
@@ -113,9 +114,9 @@ def well_above_noise(w: Windows, loads: ContactLoads) -> NDArray[np.bool_]:
         (slice(4, 6), loads.signal_to_noise[1]),
     ):
         if ratio >= MIN_SIGNAL_TO_NOISE:
-            around = w.wrench[near, at].mean(axis=1)
-            one = 0.5 * np.trace(w.covariance[:, at, at], axis1=1, axis2=2)
-            good &= np.square(around).sum(axis=1) > MIN_DEVIATIONS**2 * one
+            neighbours = w.wrench[near, at].mean(axis=1)
+            variance = 0.5 * np.trace(w.covariance[:, at, at], axis1=1, axis2=2)
+            good &= np.square(neighbours).sum(axis=1) > MIN_DEVIATIONS**2 * variance
     return good
 
 
@@ -151,14 +152,14 @@ def weighted_residuals(
     w: Windows, loads: ContactLoads, law: FrictionLaw, weights: FrictionLaw | None = None
 ) -> Array:
     """Return weighted residuals V^-1/2 e (n, 2) of ``law``; V of ``weights``, default ``law``."""
-    to = slip_direction(w, law.radius) * [1.0, law.radius]
+    along = slip_direction(w, law.radius) * [1.0, law.radius]
     limit = law.coefficient * law.normal(loads.radial, loads.moment)
-    e = w.wrench[:, [0, 3]] + limit[:, None] * to
+    e = w.wrench[:, [0, 3]] + limit[:, None] * along
     jacobian = np.zeros((len(w), 2, 6))  # A = de/dwrench
     jacobian[:, 0, 0], jacobian[:, 1, 3] = 1.0, 1.0
     weighting = weights or law
     slope = loads.gradient[:, 0] + weighting.bending * loads.gradient[:, 1]
-    jacobian += weighting.coefficient * to[:, :, None] * slope[:, None, :]
+    jacobian += weighting.coefficient * along[:, :, None] * slope[:, None, :]
     v = jacobian @ w.covariance @ jacobian.transpose(0, 2, 1)
     floor = FLOOR * np.median(limit)
     v += np.diag([floor**2, (law.radius * floor) ** 2]) + 1e-300 * np.eye(2)
@@ -178,11 +179,11 @@ def fit_law(w: Windows, loads: ContactLoads, start: FrictionLaw, free: Sequence[
     from scipy.optimize import least_squares
 
     chosen = list(free)
-    whole = start.vector
+    held = start.vector
     scale = parameter_scales(loads, start)
 
     def law_of(x: Array) -> FrictionLaw:
-        full = whole.copy()
+        full = held.copy()
         full[chosen] += np.clip(x, -20.0, 20.0) * scale[chosen]
         return law_from_vector(full)
 
@@ -207,12 +208,12 @@ def fit_law(w: Windows, loads: ContactLoads, start: FrictionLaw, free: Sequence[
     shift = weighted_residuals(w, loads, changed, law) - r
     systematic = np.abs(np.einsum("ab,nib,ni->an", bread, jacobian, shift)).sum(axis=1)
     freedom = max(len(w) - len(chosen), 1)
-    to = np.array(scale[chosen])
+    units = np.array(scale[chosen])
     misfit = float(np.square(r).sum() / max(2 * len(w) - len(chosen), 1))
     if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
         raise IdentifyError("no friction shows: the traction does not oppose the slip")
-    covariance = covariance * np.outer(to, to)
-    return KineticFit(law, tuple(chosen), covariance, systematic * to, freedom, misfit)
+    covariance = covariance * np.outer(units, units)
+    return KineticFit(law, tuple(chosen), covariance, systematic * units, freedom, misfit)
 
 
 def parameter_scales(loads: ContactLoads, law: FrictionLaw) -> Array:
