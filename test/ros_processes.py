@@ -67,7 +67,8 @@ class Program(Child):
 @contextmanager
 def program(command: Sequence[str | Path], directory: Path) -> Iterator[Program]:
     """Run a program during a block; it ends with the block."""
-    with Program(command, directory) as running:
+    running = Program(command, directory)
+    with running:
         try:
             yield running
         except BaseException:
