@@ -4,7 +4,7 @@ find_package(ament_cmake_pytest REQUIRED)
 
 file(GLOB_RECURSE test_files CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR}/test
   ${CMAKE_CURRENT_SOURCE_DIR}/test/test_*.py)
-list(REMOVE_ITEM test_files test/test_packaging.py)
+list(REMOVE_ITEM test_files test_packaging.py)
 
 foreach(file IN LISTS test_files)
   get_filename_component(name ${file} NAME_WE)

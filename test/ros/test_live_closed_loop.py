@@ -173,7 +173,7 @@ def test_plant_needs_a_period(installed_prefix, tmp_path):
     command = [*installed(installed_prefix, "plant"), *parameters("period:=0.0")]
     with program(command, tmp_path) as moving:
         assert moving.wait() == 2
-        assert moving.lines == [
+        assert list(moving.lines) == [
             "plant: period = 0.0: must be > 0 s for a plant, which creates the stamps"
         ]
 
