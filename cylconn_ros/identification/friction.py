@@ -104,12 +104,12 @@ class Identification:
     skipped: Counter[str]
     noise: float
     misfit: float
-    normal: Array
-    traction: Array
-    deviation: Array
-    disc: Array
+    normal: Array = dataclasses.field(repr=False)
+    traction: Array = dataclasses.field(repr=False)
+    deviation: Array = dataclasses.field(repr=False)
+    disc: Array = dataclasses.field(repr=False)
     law: FrictionLaw
-    static: static.StaticFriction
+    static: static.StaticFriction = dataclasses.field(repr=False)
 
     def __getitem__(self, name: str) -> Estimate:
         """Return an estimate by name; raise UnknownNameError if there is none."""

@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene import multiple, parameter_file, shared_bodies, validation
 from cylconn_ros.scene.behaviour import Friction
@@ -54,13 +56,14 @@ class Scene(SceneFields):
     """
 
     def __post_init__(self) -> None:
+        _check_groups(self, "")
         values = {}
         for name, rules in schema().items():
             given = value_of(self, name)
-            if rules.required and (given is None or given == ()):
+            if rules.required and (given is None or np.size(given) == 0):
                 raise SceneError(f"{name}: is required and not given; must be {rules.rule}")
-            if given == "" and name in ("body_a.frame", "body_b.frame"):  # not named in code
-                given = rules.default
+            if name in ("body_a.frame", "body_b.frame"):
+                given = given or rules.default  # not named in code
             values[name] = () if given is None else rules.check(given)
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _take(Scene, field.name, "", values))
@@ -154,6 +157,17 @@ def chosen(scenes: Mapping[str, Scene], connector: str) -> Scene:
         raise SceneError(f"connector {connector}: there is only one, without a name")
     which = f"{connector} is none of them" if connector else "choose one"
     raise SceneError(f"several connectors, {', '.join(scenes)}: {which}")
+
+
+def _check_groups(holder: object, prefix: str) -> None:
+    """Raise SceneError for a group that is not an object of its class."""
+    for name, cls, may_be_absent in groups(type(holder)):
+        given = getattr(holder, name)
+        if may_be_absent and given is None:
+            continue
+        if not isinstance(given, cls):
+            raise SceneError(f"{prefix}{name} = {show(given)}: must be a {cls.__name__}")
+        _check_groups(given, f"{prefix}{name}.")
 
 
 def _take(cls: type, name: str, prefix: str, values: Mapping[str, Any]) -> Any:

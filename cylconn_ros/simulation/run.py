@@ -52,7 +52,7 @@ class Accuracy:
         return f"impulse, {self.substeps} substeps per period{error}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """A simulated motion: N samples, one period apart.
 
@@ -90,6 +90,10 @@ class Run:
     def names(self) -> tuple[str, ...]:
         """Names of all columns."""
         return ("time", *_MOTION, *COLUMNS, "energy")
+
+    def __repr__(self) -> str:
+        """Number of samples and their time."""
+        return f"Run({len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s)"
 
     def __len__(self) -> int:
         """Number of samples."""

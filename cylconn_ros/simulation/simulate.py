@@ -73,7 +73,10 @@ def samples_of(scene: Scene, duration: float | None = None) -> int:
 
     Raises SceneError for a duration that is not finite or negative, or a scene without a period.
     """
-    seconds = scene.plant.duration if duration is None else duration
+    try:
+        seconds = float(scene.plant.duration if duration is None else duration)
+    except (TypeError, ValueError):
+        raise SceneError(f"duration = {show(duration)}: must be a number of seconds") from None
     if scene.period <= 0.0:
         raise SceneError("period = 0.0: must be > 0 s for a simulation")
     if not 0.0 <= seconds < math.inf:

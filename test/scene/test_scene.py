@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import re
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -280,6 +282,33 @@ def test_parameters_of_ros_itself_are_left_alone(tmp_path):
 )
 def test_every_scene_file_of_the_project_can_be_used(path):
     load(path)
+
+
+GIVEN: dict[str, Any] = {
+    "node_a": Node(orientation=(0, 0, 0, 1)),
+    "body_b": Body(mass=1.0, inertia=(1, 0, 0, 1, 0, 1)),
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"node_a": (0, 0, 0, 1)}, "node_a = [0, 0, 0, 1]: must be a Node"),
+        ({"body_b": None}, "body_b = null: must be a Body"),
+        (
+            {"friction": Friction(table=cast(Any, "x"))},
+            "friction.table = 'x': must be a FrictionTable",
+        ),
+        ({"body_b": Body(mass=1.0, inertia=cast(Any, np.eye(3)))}, "must be 6 numbers"),
+        ({"node_a": Node(orientation=cast(Any, np.zeros(0)))}, "node_a.orientation: is required"),
+    ],
+)
+def test_a_scene_built_in_code_is_checked_like_a_file(changes, text):
+    with pytest.raises(SceneError, match=re.escape(text)):
+        Scene(**{**GIVEN, **changes})
+    array = Body(mass=1.0, inertia=cast(Any, np.array([1, 0, 0, 1, 0, 1])))
+    assert Scene(**{**GIVEN, "body_b": array}) == Scene(**GIVEN)
+    assert Scene(**GIVEN).body_b.frame == "body_b"
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ def test_a_run_includes_its_end(scene: cr.Scene) -> None:
     assert run.time[0] == 0.0
     assert run.time[-1] == 1.0
     assert len(run) == 1001 == len(run["displacement"])
+    assert repr(run) == "Run(1001 samples, 0 to 1 s)"
     assert cr.simulate(scene, samples=5).time.tolist() == [0.0, 0.001, 0.002, 0.003, 0.004]
     assert len(cr.simulate(scene, duration=0.0)) == 1
     short = scene.replace({"plant.duration": 0.25})
@@ -27,6 +28,8 @@ def test_a_run_includes_its_end(scene: cr.Scene) -> None:
 
 
 def test_a_duration_must_be_finite(scene: cr.Scene) -> None:
+    with pytest.raises(cr.SceneError, match="duration = 'x': must be a number of seconds"):
+        cr.simulate(scene, duration="x")  # type: ignore[arg-type]
     for duration in (math.inf, math.nan, -1.0):
         with pytest.raises(cr.SceneError, match="must be finite and >= 0"):
             cr.simulate(scene, duration=duration)
