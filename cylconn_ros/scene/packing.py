@@ -1,4 +1,4 @@
-"""A scene in numbers: the array that the compiled step reads, and the method it asks for."""
+"""The parameter array of a scene, which the compiled step reads, and the choice of the method."""
 
 import math
 
@@ -26,7 +26,7 @@ def choose_method(scene: Scene) -> str:
 
 
 def step_tolerance(tolerance: float) -> float:
-    """What minimal's steps must keep for the motion to be within ``tolerance``; 0: none given."""
+    """Tolerance of a step of minimal that keeps the motion within ``tolerance``; 0: none given."""
     return max(SHARE * tolerance, LEAST) if tolerance > 0.0 else 0.0
 
 
