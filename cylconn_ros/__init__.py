@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         Stops,
     )
     from cylconn_ros.scene.bodies import Body, Node, PlantBody, PlantSettings, Reference
-    from cylconn_ros.scene.outputs import Limits, Record, Wrench
+    from cylconn_ros.scene.outputs import Limits, QualityOfService, Record, Wrench
     from cylconn_ros.scene.resources import shipped, shipped_scenes
     from cylconn_ros.scene.scene import Scene, load
     from cylconn_ros.simulation.run import Run
@@ -72,6 +72,7 @@ _MODULES = {
     "scene.outputs": (
         "Wrench",
         "Limits",
+        "QualityOfService",
         "Record",
     ),
     "scene.resources": ("shipped", "shipped_scenes"),
@@ -99,6 +100,7 @@ __all__ = [
     "Penalty",
     "PlantBody",
     "PlantSettings",
+    "QualityOfService",
     "Record",
     "RecordingError",
     "Reference",

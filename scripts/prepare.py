@@ -32,6 +32,8 @@ EXTRAS = {  # extras of setup.py to install for each target
     "bench": ("demo", "bench", "peers"),
 }
 
+COMPILED = ("bench", "test")  # purposes that use every method; demo compiles what it needs
+
 
 class PrepareError(Exception):
     """The environment cannot be prepared; the text is one sentence for the user."""
@@ -82,6 +84,14 @@ def step(what: str, *command: str) -> None:
         print(f"\r  {what}: {time.monotonic() - started:.0f} s   ")
     if code:
         raise PrepareError(diagnosis(LOG.read_text().rsplit("\n$ ", 1)[-1]))
+
+
+def compile_physics() -> None:
+    """Compile the kernels into the user's cache, with their own progress."""
+    print("  compiled physics …")
+    command = (str(VENV / "bin" / "cylconn"), "compile")
+    if subprocess.run(command, cwd=ROOT).returncode:
+        print("  the physics could not be compiled now: the first start compiles it")
 
 
 def diagnosis(output: str) -> str:
@@ -150,6 +160,8 @@ def prepare(purpose: str) -> None:
     step("build tools of ROS 2", *pip, *build_requirements())
     editable = f".[{','.join(sorted(purposes))}]"
     step("messages, package and dependencies", *pip, "--no-build-isolation", "-e", editable)
+    if purpose in COMPILED:
+        compile_physics()
     done = {"fingerprint": current, "purposes": sorted(purposes)}
     STAMP.write_text(json.dumps(done))
 

@@ -1,7 +1,8 @@
-"""What tests share: an isolated ROS graph, and where the package is installed."""
+"""What tests share: an isolated ROS graph, default signals, and where the package is installed."""
 
 import importlib
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,13 @@ from cylconn_ros.process.child import private_environment
 
 # Tests that start processes must not meet other ROS programs, nor leave shared memory behind.
 os.environ.update(private_environment())
+
+
+# Started with nohup or in the background of a shell, this process ignores these signals. Programs
+# inherit that, but not a handler: they begin with the default action.
+for ignored in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(ignored) is signal.SIG_IGN:
+        signal.signal(ignored, lambda *_: None)
 
 
 @pytest.fixture(scope="session")

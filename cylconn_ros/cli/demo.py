@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from cylconn_ros.cli import checks, demo_checks, scenes
+from cylconn_ros.cli.compile import compile_with_progress
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError, ProcessError
 from cylconn_ros.process.child import Child, executable, private_environment
@@ -30,7 +31,7 @@ from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene import parameter_file
 
 _SCENE = "demo"
-_START_TIMEOUT = 240.0  # s until the first progress; the first run compiles the physics
+_START_TIMEOUT = 240.0  # s until the first progress, or since a sign that a node still compiles
 _PROGRESS_TIMEOUT = 60.0  # s without progress after that
 _NEEDED = ("matplotlib", "scipy")
 
@@ -67,6 +68,8 @@ def run(options: argparse.Namespace) -> int:
     used.write_text(parameter_file.dump(scene), encoding="utf-8")
     if importlib.util.find_spec("numba") is None:
         print("numba is not installed: the physics runs uncompiled, which is slower")
+    else:
+        compile_with_progress({_SCENE: scene})
     restore = _interrupt_on_signals()
     try:
         closing_lines = run_processes(used, scenes.steps(scene))
@@ -101,9 +104,11 @@ def run_processes(scene: Path, steps: int) -> list[str]:
         arguments = ["--ros-args", "--params-file", str(scene)]
         connector_command = [str(executable("connector")), *arguments]
         plant_command = [str(executable("plant")), *arguments]
-        bar.note("starting (the first run compiles the physics)")
+        bar.note("starting")
         with (
-            Child("connector", connector_command, environment) as connector,
+            Child(
+                "connector", connector_command, environment, monitor.watch_connector
+            ) as connector,
             Child("plant", plant_command, environment, monitor) as plant,
         ):
             _watch(connector, plant, monitor)
@@ -123,6 +128,13 @@ class _PlantMonitor:
         self._bar = bar
         self.deadline = time.monotonic() + _START_TIMEOUT
         self._steps = steps
+
+    def watch_connector(self, line: str) -> bool:
+        """Extend the deadline while the connector compiles; False: the line is kept."""
+        if "compiling" in line:  # the cache could not be written
+            self.deadline = time.monotonic() + _START_TIMEOUT
+            self._bar.note("the connector compiles the physics")
+        return False
 
     def __call__(self, line: str) -> bool:
         """Return whether the line is a progress line, ``progress DONE TOTAL``."""

@@ -12,6 +12,7 @@ from cylconn_ros.errors import CylconnError
 from cylconn_ros.process.interrupt import INTERRUPTED, interruptible
 
 COMMANDS = {
+    "compile": "compile the physics into the cache: nodes and commands then start at once",
     "demo": "run plant and connector as two ROS 2 processes and check the recorded run",
     "simulate": "run a scene in this process, without ROS",
     "replay": "run a recording through the connector again, also with other parameters",

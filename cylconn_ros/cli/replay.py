@@ -216,6 +216,10 @@ def _report(replay: Replay, seconds: float, cpu: float) -> None:
         print(f"            {health.undecodable_text}")
     if replay.bag.damage:
         print(f"DAMAGED     {replay.bag.damage}; the intact messages were used")
+    before = replay.bag.metadata.get("samples_before", "0")
+    if before != "0":
+        print(f"LATE BEGIN  the recording began {before} samples after the run: what the connector "
+              "knew from them, as the measured latency, is not known here")  # fmt: skip
     if not counts.responses:
         print("NO SAMPLE   no sample was complete: pose and twist need the same stamp "
               "(stamp_tolerance)")  # fmt: skip

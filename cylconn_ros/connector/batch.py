@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ WRONG_SHAPE: Final = -1
 
 @device_function
 def process(
-    method: int,
+    handle: Any,
     par: Array,
     mem: Array,
     sample: Array,
@@ -29,16 +29,17 @@ def process(
     """Process a sample (NSAMPLE,) into (NOUT,); returns the status.
 
     Args:
+        handle: of the method's step function (methods/dispatch.py).
         h: s since the previous sample, 0: one period. period: s, the scene's, 0 if it has none.
     """
     if h > 0.0 and mem[model.LAST_PERIOD] > 0.0:
         mem[model.LAST_PERIOD] = h
-    return dispatch.step(method, par, mem, sample, period if period != 0.0 else h, out)
+    return dispatch.step(handle, par, mem, sample, period if period != 0.0 else h, out)
 
 
 @kernel
 def step(
-    method: int,
+    handle: Any,
     par: Array,
     mem: Array,
     sample: Array,
@@ -49,12 +50,12 @@ def step(
     """As :func:`process`, called from Python; WRONG_SHAPE, with nothing done, for short arrays."""
     if sample.shape[0] != layout.NSAMPLE or out.shape[0] != layout.NOUT:
         return WRONG_SHAPE
-    return process(method, par, mem, sample, h, period, out)
+    return process(handle, par, mem, sample, h, period, out)
 
 
 @kernel
 def run(
-    method: int,
+    handle: Any,
     par: Array,
     mem: Array,
     samples: Array,
@@ -67,4 +68,4 @@ def run(
     ``since``: (N,) s since the previous sample, 0: one period. ``period``: s, 0 if there is none.
     """
     for k in range(samples.shape[0]):
-        process(method, par, mem, samples[k], since[k], period, outs[k])
+        process(handle, par, mem, samples[k], since[k], period, outs[k])

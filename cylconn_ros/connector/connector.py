@@ -15,6 +15,7 @@ from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import COMPILED, close_signatures
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.dispatch import STEPS
 from cylconn_ros.methods.traits import LIVE, TRAITS
 from cylconn_ros.scene.packing import choose_method, pack
 from cylconn_ros.scene.scene import Scene
@@ -22,10 +23,7 @@ from cylconn_ros.scene.schema import show
 
 Array = NDArray[np.float64]
 
-_IN_FLIGHT = (
-    slice(model.SENT_WRENCHES, model.PREDICTED_SAMPLE),
-    slice(model.LATENCY_MISFIT, model.LAST_SAMPLE),
-)
+_IN_FLIGHT = (slice(model.SENT_WRENCHES, model.LEAST_BALANCE),)
 """Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
 _INPUTS = (
     ("pose_a", layout.A_POSE, 7),
@@ -71,7 +69,7 @@ class Connector:
                 "cylconn_ros.simulate); a connector that processes samples needs "
                 f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
             )
-        self._method = TRAITS[self.method].number
+        self._step = STEPS[self.method]
         self._par = pack(scene)
         self._mem = np.zeros(model.NMEM)
         self._period = scene.period
@@ -118,25 +116,33 @@ class Connector:
         self._mem[model.IMPOSED_POSITION + k] = math.nan
 
     @property
+    def _handle(self) -> Any:
+        """Handle of the step function; compiles it at the first use."""
+        return self._step.handle
+
+    @property
     def par(self) -> Array:
         """The parameter array of the scene, with the imposed motion (core/model.py)."""
         return self._par
 
-    def kernel_arguments(self) -> tuple[int, Array, Array, float]:
-        """Method number, parameters, memory and period for compiled code (batch.process).
+    def kernel_arguments(self) -> tuple[Any, Array, Array, float]:
+        """Handle of the step function, parameters, memory and period for batch.process.
 
         The arrays are the connector's own and stay the same objects.
         """
-        return self._method, self._par, self._mem, self._period
+        return self._handle, self._par, self._mem, self._period
 
     @property
-    def latency(self) -> int:
+    def latency(self) -> float:
         """Samples between a sample and the action of its wrench: given, or estimated so far."""
-        return (
-            self.scene.latency
-            if self.scene.latency >= 0
-            else int(self._mem[model.MEASURED_LATENCY])
-        )
+        if self.scene.latency >= 0:
+            return float(self.scene.latency)
+        return float(self._mem[model.MEASURED_LATENCY])
+
+    @property
+    def latency_spread(self) -> float:
+        """Standard deviation of the measured latency, samples; 0 if the latency is given."""
+        return float(self._mem[model.LATENCY_SPREAD]) if self.scene.latency < 0 else 0.0
 
     @property
     def memory(self) -> Array:
@@ -204,10 +210,10 @@ class Connector:
         if not self._types_known:
             sample, h, out = _checked(sample, h, out)
         try:
-            status = batch.step(self._method, self._par, self._mem, sample, h, self._period, out)
+            status = batch.step(self._handle, self._par, self._mem, sample, h, self._period, out)
         except TypeError:  # a type for which nothing is compiled
             sample, h, out = _checked(sample, h, out)
-            status = batch.step(self._method, self._par, self._mem, sample, h, self._period, out)
+            status = batch.step(self._handle, self._par, self._mem, sample, h, self._period, out)
         if status == batch.WRONG_SHAPE:
             _checked(sample, h, out)
         if not self._types_known:
@@ -242,7 +248,7 @@ class Connector:
         if outs is None:
             outs = np.empty((len(rows), layout.NOUT))
         _check_output(outs, "outs", (len(rows), layout.NOUT))
-        batch.run(self._method, self._par, self._mem, rows, times, self._period, outs)
+        batch.run(self._handle, self._par, self._mem, rows, times, self._period, outs)
         return outs
 
     def _sample_of(self, inputs: dict[str, ArrayLike | None]) -> Array:

@@ -6,6 +6,11 @@ from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Friction, Scene
 from cylconn_ros.scene.schema import show
 
+_KEPT = (
+    "constraint: simulator: only what acts on slide and spin is sent, as an opposite pair; "
+    "reactions are computed for the normal force and not sent"
+)
+
 
 def describe_model(scene: Scene, method: str) -> tuple[str, str]:
     """What is modelled, and what is not: two lines for logs, recordings and the terminal.
@@ -15,7 +20,10 @@ def describe_model(scene: Scene, method: str) -> tuple[str, str]:
     automatic = " (auto)" if scene.method == "auto" else ""
     modelled = [f"method {method}{automatic}: {TRAITS[method].summary}"]
     absent = []
-    if scene.latency != 0:
+    if scene.constraint == "simulator":
+        modelled.append(_KEPT)
+        absent.append("slot and revolute (the simulator's joint keeps them)")
+    if scene.latency != 0 and TRAITS[method].sends_wrench:
         modelled.append(_latency(scene))
     for name, body in (("A", scene.body_a), ("B", scene.body_b)):
         modelled.append(f"body {name} {body.kind}")
@@ -36,12 +44,16 @@ def describe_model(scene: Scene, method: str) -> tuple[str, str]:
 
 def _latency(scene: Scene) -> str:
     if "unknown" in (scene.body_a.kind, scene.body_b.kind):
+        if scene.latency < 0:
+            return "inertia unknown: gains are lowered if the wrenches put in energy"
         lag = 1 + 2 * scene.latency
         return (
             f"latency {scene.latency} samples, inertia unknown: "
             f"stiffness reduced to 1/{lag**2}, damping to 1/{lag}"
         )
-    latency = "estimated" if scene.latency < 0 else f"{scene.latency} samples"
+    if scene.latency < 0 and scene.constraint == "simulator":
+        return "latency not declared: stick, stops and drives act with the gain that the lag allows"
+    latency = "measured" if scene.latency < 0 else f"{scene.latency} samples"
     return f"latency {latency}: computes for the predicted state at which the wrench acts"
 
 

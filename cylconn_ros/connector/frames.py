@@ -22,6 +22,11 @@ IN_BODY: Final = 2
 Vector = Sequence[float]
 
 
+def frame_name(name: str) -> str:
+    """The name of a frame without a leading slash: ``/world`` is the same frame as ``world``."""
+    return name.removeprefix("/")
+
+
 def into_world(pose: Vector, pair: Vector) -> tuple[float, ...]:
     """Rotate a pair (6,) from body axes to world axes with a pose (7,): position, quaternion xyzw.
 

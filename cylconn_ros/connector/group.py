@@ -89,6 +89,8 @@ class Group:
             for scene in scenes
         ]
         self._arms = np.array([a for s in scenes for a in (1.0, 1.0, *[arm(s)] * 2)])
+        for connector in self.connectors:  # solved together: without delay compensation
+            connector.par[model.LATENCY] = 0.0
         self._laws = [model.law(connector.par) for connector in self.connectors]
         self._radii = np.array([a for s in scenes for a in (1.0, _radius(s))])
         self._masses = {b.frame: b.mass for s in scenes for b in s.bodies if b.kind == "free"}

@@ -10,25 +10,31 @@ two cases: it is older by more than :data:`REORDERING` periods, farther than mes
 other; or :data:`MIN_OLD_SAMPLES` complete old samples (also the same one repeatedly) arrive with no
 newer sample between them.
 
+A sample takes the loads for its stamp, and waits for one that is awaited
+(connector/load_history.py), until :data:`MOST_WAITING` newer samples are complete or the caller
+gives up.
+
 The reference path for messages ends here; messages/prefix_decoder.py writes complete samples faster
 and calls :meth:`SampleMatcher.accept`.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cylconn_ros.connector.frames import IN_BODY, IN_WORLD, NO_LOAD, into_world, write_load
+from cylconn_ros.connector.frames import IN_BODY, IN_WORLD, frame_name, into_world, write_load
+from cylconn_ros.connector.load_history import NO, LoadHistory, is_settled, select_loads
+from cylconn_ros.connector.synchronized_sample import Counts, SynchronizedSample, UnknownFrame
 from cylconn_ros.core import layout
 from cylconn_ros.scene.inputs import BODIES
 from cylconn_ros.scene.scene import Scene
 
 REORDERING = 10  # periods
 MIN_OLD_SAMPLES = 3
+MOST_WAITING = 2
+"""Samples that wait for loads at the same time."""
 _MAX_PENDING = 64  # incomplete samples: more than a queue of 50 messages can hold
 _MAX_OLD = 8  # incomplete samples older than the last complete one
 
@@ -43,37 +49,6 @@ _AT = (
 )
 
 Vector = Sequence[float]
-
-
-class SynchronizedSample(NamedTuple):
-    """A complete sample; its numbers are in :attr:`SampleMatcher.sample`."""
-
-    stamp: int  # ns
-    h: float  # s since the sample before; 0 for the first of a history
-    repeated: bool  # the last sample arrived once more: nothing is to be computed
-    restarted: bool  # stamps went back: a new history begins
-
-
-@dataclasses.dataclass
-class Counts:
-    """Counters of samples and of messages that did not become part of one."""
-
-    samples: int = 0  # complete samples, each stamp once
-    duplicate_samples: int = 0  # complete samples with the last stamp
-    duplicate_messages: int = 0  # messages already received for the last or an incomplete sample
-    late: int = 0  # messages older than the last complete sample
-    incomplete: int = 0  # samples dropped: a newer one was complete, or too many were incomplete
-    restarts: int = 0  # times the stamps went back to a new history
-    unknown_frames: int = 0  # messages whose frame_id is no frame of the scene
-
-
-class UnknownFrame(NamedTuple):
-    """A frame_id that is no frame of the scene, and the axes that are assumed instead."""
-
-    body: int
-    quantity: str  # pose, twist or load
-    frame: str
-    axes: str  # world or body
 
 
 class _Slot:
@@ -105,8 +80,11 @@ class SampleMatcher:
         Number of messages received, by quantity.
     needed
         Bits of the quantities that a sample needs: those of the moving bodies.
-    load_numbers, load_axes
-        (12,), (2,) the loads in force on A and B, and NO_LOAD, IN_WORLD or IN_BODY for each.
+    loads
+        The loads in force and those that wait for their stamps.
+    expects
+        Function of a body and the stamp (ns) of the first sample of a history: NO, IF_REGULAR or
+        ALWAYS, whether loads are awaited from that sample on (connector/load_history.py).
     unknown_frame
         The last frame_id that is no frame of the scene, or None.
     """
@@ -117,8 +95,8 @@ class SampleMatcher:
         self.received = dict.fromkeys(QUANTITIES, 0)
         self._tolerance = round(scene.stamp_tolerance * 1e9)
         self._period = round(scene.period * 1e9)
-        self._world = scene.world_frame
-        self._frames = tuple(body.frame for body in scene.bodies)
+        self._world = frame_name(scene.world_frame)
+        self._frames = tuple(frame_name(body.frame) for body in scene.bodies)
         self._world_by_default = scene.twist_axes == "world"
         self.needed = 0
         for index, body in enumerate(scene.bodies):
@@ -127,29 +105,37 @@ class SampleMatcher:
             else:
                 self.needed |= 0b11 << 2 * index
         self._names = [name for bit, name in enumerate(QUANTITIES) if self.needed >> bit & 1]
-        self.load_numbers = np.zeros(2 * 6)
-        self.load_axes = np.full(2, NO_LOAD)
+        self.loads = LoadHistory(self._tolerance)
+        self.expects: Callable[[int, int], int] = lambda *_: NO
         self.unknown_frame: UnknownFrame | None = None
         self._pending: dict[int, _Slot] = {}
+        self._ready = 0  # samples in ``_pending`` that lack nothing but a load
         self._old: dict[int, _Slot] = {}
         self.reset()
 
     def reset(self) -> None:
         """Forget stamps and incomplete samples; loads and counts stay."""
         self._drop_pending()
+        self._restarting = False  # the next sample begins a new history because stamps went back
         self._last: int | None = None
         self._step = 0
+        self._asked = False  # whether the loads of the first sample are awaited
         self._duplicates = 0  # bits of the quantities received once more for the last sample
         self._old_samples = 0  # complete old samples since the last newer one
         self._old.clear()
+        self.loads.reset()
 
     def restore_from(self, other: SampleMatcher, history: bool) -> None:
         """Adopt another matcher's counts and loads; with ``history``, also its last stamp."""
         self.counts, self.received = other.counts, other.received
         self.unknown_frame = other.unknown_frame
-        self.load_numbers[:], self.load_axes[:] = other.load_numbers, other.load_axes
+        self.loads.restore_from(other.loads, history)
+        self.expects = other.expects
         if history:
             self._last, self._step = other._last, other._step
+            if (self.needed, self._tolerance) == (other.needed, other._tolerance):
+                self._pending, self._ready = other._pending, other._ready
+                self._asked, self._restarting = other._asked, other._restarting
 
     @property
     def last_stamp(self) -> int | None:
@@ -160,6 +146,28 @@ class SampleMatcher:
     def has_pending(self) -> bool:
         """Whether samples are incomplete, or may consist of messages with different stamps."""
         return bool(self._pending or self._tolerance)
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether messages of a sample that is not complete are received."""
+        return bool(self._pending)
+
+    @property
+    def is_overtaken(self) -> bool:
+        """Whether messages of a newer sample than :attr:`waiting` are received."""
+        return any(slot.newest > (self.waiting or 0) for slot in self._pending.values())
+
+    @property
+    def waiting(self) -> int | None:
+        """Stamp in ns of the oldest sample that lacks nothing but a load, or None."""
+        return (
+            min(
+                (s.newest for s in self._pending.values() if s.received == self.needed),
+                default=None,
+            )
+            if self._ready
+            else None
+        )
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -204,7 +212,7 @@ class SampleMatcher:
 
     def pose(self, body: int, stamp: int, frame: str, pose: Vector) -> SynchronizedSample | None:
         """Process the pose (7: position, quaternion xyzw) of body A (0) or B (1) in the world."""
-        if frame and frame != self._world:
+        if frame_name(frame) not in ("", self._world):
             self._count_unknown_frame(body, "pose", frame, "world")
         return self._add(2 * body + _POSE, stamp, pose, True)
 
@@ -230,25 +238,46 @@ class SampleMatcher:
             return first
         if child is None:
             return self.twist(body, stamp, frame, twist) or first
-        if child not in (self._world, self._frames[body], ""):
+        child_name = frame_name(child)
+        if child_name not in (self._world, self._frames[body], ""):
             self._count_unknown_frame(body, "twist", child, "body")
-        second = self._add(2 * body + _TWIST, stamp, twist, child == self._world)
+        second = self._add(2 * body + _TWIST, stamp, twist, child_name == self._world)
         return second or first
 
-    def load(self, body: int, frame: str, load: Vector) -> None:
-        """Set a body's external load (6: force, torque about the frame's origin).
+    def load(self, body: int, stamp: int, frame: str, load: Vector) -> SynchronizedSample | None:
+        """Process an external load on a body (6: force, torque about the frame's origin).
 
-        It acts until the next one. ``frame`` states its axes, as for :meth:`twist`.
+        It acts from the sample with its stamp on until the next load; a load with stamp 0 acts from
+        the next sample on. ``frame`` states its axes, as for :meth:`twist`.
         """
-        self.load_numbers[6 * body : 6 * body + 6] = load
-        self.load_axes[body] = IN_WORLD if self._in_world(body, "load", frame) else IN_BODY
+        axes = IN_WORLD if self._in_world(body, "load", frame) else IN_BODY
+        self.loads.receive(body, stamp, axes, load, self._last, self.counts)
+        return self.next()
+
+    def next(self) -> SynchronizedSample | None:
+        """Complete the oldest sample that waits for no load; None if there is none."""
+        if not self._ready:
+            return None
+        slot = min(
+            (slot for slot in self._pending.values() if slot.received == self.needed),
+            key=lambda slot: slot.newest,
+        )
+        if self._last is None and not self._asked:
+            self._asked = True
+            for body in (0, 1):
+                if self.needed >> 2 * body & 1:
+                    self.loads.await_loads(body, self.expects(body, slot.newest))
+        if self._ready <= MOST_WAITING and not is_settled(slot.newest, self.loads.state):
+            return None
+        return self._complete(slot, self._last)
 
     def _in_world(self, body: int, quantity: str, frame: str) -> bool:
-        if frame == self._world:
+        name = frame_name(frame)
+        if name == self._world:
             return True
-        if frame == self._frames[body]:
+        if name == self._frames[body]:
             return False
-        if frame:
+        if name:
             axes = "world" if self._world_by_default else "body"
             self._count_unknown_frame(body, quantity, frame, axes)
         return self._world_by_default
@@ -283,7 +312,8 @@ class SampleMatcher:
             return None
         if last is not None and slot.newest < last:
             return self._complete_old(slot, last)
-        return self._complete(slot, last)
+        self._ready += 1
+        return self.next()
 
     def _slot(self, slots: dict[int, _Slot], stamp: int) -> _Slot:
         slot = slots.get(stamp)
@@ -295,9 +325,10 @@ class SampleMatcher:
                 return min(near, key=lambda s: abs(s.stamp - stamp))
         limit = _MAX_OLD if slots is self._old else _MAX_PENDING
         if len(slots) >= limit:
-            del slots[min(slots)]
+            removed = slots.pop(min(slots))
             if slots is self._pending:
                 self.counts.incomplete += 1
+                self._ready -= removed.received == self.needed
         slot = slots[stamp] = _Slot(stamp)
         return slot
 
@@ -322,21 +353,28 @@ class SampleMatcher:
         self.counts.restarts += 1
         self.counts.late -= self.needed.bit_count()
         self._drop_pending()
-        return self._complete(slot, None)._replace(restarted=True)
+        self.counts.unused_loads -= self.loads.restart(last)
+        self._restarting, self._asked, self._last = True, False, None
+        self._pending[slot.stamp] = slot
+        self._ready = 1
+        return self.next()
 
     def _drop_pending(self) -> None:
         self.counts.incomplete += len(self._pending)
         self._pending.clear()
+        self._ready = 0
 
     def _complete(self, slot: _Slot, last: int | None) -> SynchronizedSample:
         stamp = slot.newest
-        self._pending.pop(slot.stamp, None)
+        del self._pending[slot.stamp]
+        self._ready -= 1
         overtaken = [older for older in self._pending if older < stamp]
         for older in overtaken:
             del self._pending[older]
         self.counts.incomplete += len(overtaken)
         self._write(slot)
-        return self._begin(stamp, last)
+        restarted, self._restarting = self._restarting, False
+        return self._begin(stamp, last)._replace(restarted=restarted)
 
     def _begin(self, stamp: int, last: int | None) -> SynchronizedSample:
         if self._old:
@@ -355,8 +393,8 @@ class SampleMatcher:
                 twist, in_world = slot.pieces[2 * body + _TWIST]
                 self.sample[_AT[2 * body + _POSE]] = pose
                 self.sample[_AT[2 * body + _TWIST]] = twist if in_world else into_world(pose, twist)
-        if self.load_axes.any():
-            # Python floats: faster than the elements of an array
-            numbers, sample = self.load_numbers.data, self.sample.data
-            for body in (0, 1):
-                write_load(body, numbers, self.load_axes.data, sample)
+        # Python numbers are faster than elements of an array.
+        numbers, state, sample = self.loads.numbers.data, self.loads.state.data, self.sample.data
+        select_loads(slot.newest, numbers, state)
+        for body in (0, 1):
+            write_load(body, numbers, state, sample)

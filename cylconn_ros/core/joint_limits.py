@@ -18,9 +18,14 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import model
+from cylconn_ros.core.delay import (
+    correction_share,
+    feedback_gain,
+    rate_share,
+)
+from cylconn_ros.core.free_gain import free_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.latency import correction_share
 
 Two = tuple[float, float]
 
@@ -51,10 +56,26 @@ class ActiveLimits(NamedTuple):
 
 
 @inline_function
-def _contact_rate(gap: float, w: float, h: float, pull: float, explicit: bool) -> float:
-    """The contact target t."""
+def _contact_rate(
+    gap: float, w: float, h: float, pull: float, explicit: bool, alpha: float
+) -> float:
+    """The contact target t, with the gain alpha of its feedback."""
+    if alpha < 1.0:
+        kept = (1.0 - alpha) * (1.0 - alpha) * min(w, 0.0)
+        share = alpha * alpha
+        rise = min((-gap if gap > 0.0 else -share * gap) / h, pull)
+        return rise + kept - (0.0 if explicit else 0.5 * share * w)
     rise = min(-gap / h, pull)
     return rise if explicit else rise - 0.5 * w
+
+
+@inline_function
+def _lowered_rate(x: float, w: float, h: float, pull: float, most: float, alpha: float) -> float:
+    """The rate at the end of a step with the gain alpha < 1 towards x = 0 (core/free_gain.py).
+
+    pull, most: greatest speeds towards x = 0 from below and from above.
+    """
+    return w - alpha * (w + min(max(0.25 * alpha * x / h, -pull), most))
 
 
 @inline_function
@@ -77,9 +98,13 @@ def _target_rate(
 ) -> float:
     """The rate that brings x onto the position ``at`` of a bilateral target with ``rate``."""
     explicit = model.output(par).semi_implicit
+    alpha = free_gain(par, mem)
+    if alpha < 1.0:
+        pull = par[model.PULL_IN + k]
+        return rate + _lowered_rate(x - at, w - rate, h, pull, pull, alpha)
     pull = max(par[model.PULL_IN + k], 1.5 * abs(w - rate))  # deceleration is not limited
     back = min(max(correction_share(par, mem) * (at - x) / h, -pull), pull)
-    return rate + back - (0.0 if explicit else 0.5 * (w - rate))
+    return rate + back - rate_share(par, mem, explicit) * (w - rate)
 
 
 @device_function
@@ -96,14 +121,20 @@ def bounds(
         at = mem[model.IMPOSED_POSITION + k]
         rate = _target_rate(par, mem, x, w, at, model.value_or(rate, 0.0), h, k)
         return Bounds(rate, rate, 0)
+    gain = free_gain(par, mem)
     if not math.isnan(rate):
+        rate += (1.0 - gain) * (w - rate)
         return Bounds(rate, rate, 0)
 
     explicit = model.output(par).semi_implicit
     pull = par[model.PULL_IN + k]
     below, above = x - par[model.STOPS + 2 * k], par[model.STOPS + 2 * k + 1] - x
-    low = _contact_rate(below, w, h, pull, explicit)
-    high = -_contact_rate(above, -w, h, pull, explicit)
+    if gain < 1.0:
+        low = _lowered_rate(below, w, h, pull, math.inf, gain)
+        return Bounds(low, max(low, -_lowered_rate(above, -w, h, pull, math.inf, gain)), 0)
+    alpha = feedback_gain(par, mem)
+    low = _contact_rate(below, w, h, pull, explicit, alpha)
+    high = -_contact_rate(above, -w, h, pull, explicit, alpha)
     impact = 0
     pending = mem[model.PENDING_SIDE + k]
     if pending < 0.0:

@@ -1,64 +1,63 @@
-"""Delay compensation: prediction of the state when the wrench acts, and estimation of the latency.
+"""Delay compensation: prediction of the state when the wrench acts.
 
-A wrench that acts d periods after its sample is computed for the predicted state at that time.
-Until then the bodies move under wrenches that have already been sent:
+A wrench that acts tau = j + phi periods after its sample is computed for the predicted state at
+that time. Until then the bodies move under wrenches that have already been sent:
 
-    from t_k + i h to t_k + (i + 1) h, i < d:    the wrench of the sample at t_k + (i - d) h,
-                                                 or the last one before it if that was lost
+    for phi h, then j times h:    the wrenches sent j + 1, j, ..., 1 periods before this sample, or
+                                  the last one before it if a sample was lost
 
 Loads are held. A body of unknown inertia, and a driven body, keeps its twist.
 
-If d is not given, it is estimated: the d for which m dv/dt = F(d) + m g + load fits the velocities
-of the mass centres best over the last samples. F is the mean of the wrenches held since the
-previous sample, if samples between were lost. The position that stick holds is a predicted one, so
-that it is redefined when d changes.
-
-The work is that of the wrenches that acted on the measured motion (core/passivity.py).
+If the latency is not given, it is measured (core/latency_estimation.py). For this the motion since
+the last sample is simulated again under the wrenches that acted; its difference from the measured
+motion gives the mean wrench that the interval needed. The work is that of the wrenches that acted
+on the measured motion (core/passivity.py).
 """
 
-import math
+from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import is_delayed, is_measured, latency_of
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.layout import MAX_LATENCY
-from cylconn_ros.core.passivity import add_work, has_jumped, reset_stick_position
+from cylconn_ros.core.latency_estimation import (
+    RESOLUTION,
+    add_interval,
+    begin_estimate,
+    begin_interval,
+    estimate,
+    forget,
+    is_lock_step,
+)
+from cylconn_ros.core.layout import MAX_LATENCY, SENT_PERIODS
+from cylconn_ros.core.passivity import add_work, control_gain, has_jumped
 from cylconn_ros.core.plant import advance_body, motion_of
-from cylconn_ros.core.relative_state import measure
+from cylconn_ros.core.relative_state import check_twist, measure
 from cylconn_ros.core.rigid_body import Body
-from cylconn_ros.core.vectors import add, add_scaled, dot, normalised, scale, sub
+from cylconn_ros.core.vectors import (
+    Vector,
+    add,
+    add_scaled,
+    dot,
+    into,
+    matrix,
+    norm,
+    normalised,
+    out_of,
+    scale,
+    sub,
+    times,
+)
 
-FORGETTING = 0.9  # factor on the misfit of earlier samples: about ten of them count
-SWITCH_RATIO = 0.25  # misfit of another latency over that in use, below which it replaces it
+FORGETTING = 0.9  # factor on the variation of earlier periods
 VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in full
-LEAST_MISFIT = 1e-18  # relative to the greatest misfit; below it is rounding
-
-
-@inline_function
-def is_delayed(par: Array) -> bool:
-    """Whether wrenches act later than their sample."""
-    return par[model.LATENCY] != 0.0
-
-
-@inline_function
-def latency_of(par: Array, mem: Array) -> int:
-    """The latency in periods: as given, or as estimated so far."""
-    given = int(par[model.LATENCY])
-    return given if given >= 0 else int(mem[model.MEASURED_LATENCY])
-
-
-@inline_function
-def correction_share(par: Array, mem: Array) -> float:
-    """Share of a position error that one wrench removes."""
-    if not is_delayed(par):
-        return 1.0
-    return 1.0 / (1.0 + latency_of(par, mem) * mem[model.PERIOD_VARIATION])
+_KEPT = 12 * (SENT_PERIODS - 1)
 
 
 @inline_function
 def store_sent_wrenches(mem: Array, acted: bool) -> None:
     """Store the wrench of this step, newest first; zero if none was computed."""
-    for k in range(12 * MAX_LATENCY - 1, -1, -1):
+    for k in range(_KEPT - 1, -1, -1):
         mem[model.SENT_WRENCHES + 12 + k] = mem[model.SENT_WRENCHES + k]
     for k in range(6):
         mem[model.SENT_WRENCHES + k] = mem[model.LAST_A + k] if acted else 0.0
@@ -78,7 +77,7 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
     if mem[model.HAS_REFERENCE] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
         periods = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MAX_LATENCY + 1)
     for _ in range(periods - 1):  # samples were lost: the last wrench was held
-        for k in range(12 * MAX_LATENCY - 1, -1, -1):
+        for k in range(_KEPT - 1, -1, -1):
             mem[model.SENT_WRENCHES + 12 + k] = mem[model.SENT_WRENCHES + k]
     for k in range(layout.NSAMPLE):
         current[k] = sample[k]
@@ -86,115 +85,167 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
         q = normalised(model.quaternion(current, at + 3))
         for k in range(4):
             current[at + 3 + k] = q[k]
-    mem[model.JUMPED] = 0.0
-    if mem[model.HAS_REFERENCE] == 0.0:
-        mem[model.PERIOD_VARIATION] = 1.0
-    elif mem[model.LAST_PERIOD] > 0.0:
-        dt = mem[model.LAST_PERIOD] / periods
-        off = min(VARIATION_GAIN * abs(mem[model.LAST_PERIOD] / h - 1.0), 1.0)
-        mem[model.PERIOD_VARIATION] = max(FORGETTING * mem[model.PERIOD_VARIATION], off)
-        if par[model.LATENCY] < 0.0:
-            _measure_latency(par, mem, current, body_a, body_b, periods, dt)
-        work_a, jump_a = _work(par, mem, current, body_a, 0, periods, dt)
-        work_b, jump_b = _work(par, mem, current, body_b, 1, periods, dt)
-        add_work(mem, work_a)
-        add_work(mem, work_b)
-        mem[model.JUMPED] = 1.0 if jump_a or jump_b else 0.0
-    for k in range(layout.A_LOAD):
+    _take_up(par, mem, current, body_a, body_b, h, periods)
+    for k in range(layout.NSAMPLE):
         mem[model.LAST_SAMPLE + k] = current[k]
+    if not is_delayed(par, mem):
+        return
     late = latency_of(par, mem)
+    whole = int(late)
     if mem[model.HAS_REFERENCE] == 0.0:
         measure(par, mem, current, out)
         mem[model.LAST_PERIOD] = late * h
-    for i in range(late):
-        at = model.SENT_WRENCHES + 12 * (late - 1 - i)
+    for i in range(-1, whole):
+        dt = (late - whole) * h if i < 0 else h
+        if dt == 0.0:
+            continue
+        at = model.SENT_WRENCHES + 12 * (whole - 1 - i)
         for k in range(2):
             body = body_a if k == 0 else body_b
             force, torque = model.vector(mem, at + 6 * k), model.vector(mem, at + 6 * k + 3)
             pose = layout.A_POSE if k == 0 else layout.B_POSE
-            advance_body(par, body, current, pose, force, torque, current, layout.A_LOAD + 6 * k, h)
+            advance_body(
+                par, body, current, pose, force, torque, current, layout.A_LOAD + 6 * k, dt
+            )
+
+
+@inline_function
+def _take_up(
+    par: Array, mem: Array, current: Array, body_a: Body, body_b: Body, h: float, periods: int
+) -> None:
+    """Take up the motion since the last sample: its work, jumps, and the latency."""
+    mem[model.CONTRADICTED] = 0.0
+    if mem[model.HAS_REFERENCE] == 0.0:
+        mem[model.JUMPED], mem[model.PERIOD_VARIATION], mem[model.LAST_INTERVAL] = 0.0, 1.0, 0.0
+    elif mem[model.LAST_PERIOD] > 0.0:
+        dt = mem[model.LAST_PERIOD] / periods
+        off = min(VARIATION_GAIN * abs(mem[model.LAST_PERIOD] / h - 1.0), 1.0)
+        mem[model.PERIOD_VARIATION] = max(FORGETTING * mem[model.PERIOD_VARIATION], off)
+        before = latency_of(par, mem)
+        a = _replay(par, mem, current, body_a, 0, periods, dt)
+        b = _replay(par, mem, current, body_b, 1, periods, dt)
+        if is_measured(par):
+            _measure_latency(mem, body_a, body_b, a, b, periods)
+            shift = (latency_of(par, mem) - before) * h
+            if shift != 0.0:  # the interval between the predicted samples; and its work
+                mem[model.LAST_PERIOD] = max(mem[model.LAST_PERIOD] + shift, 0.01 * h)
+                a = _replay(par, mem, current, body_a, 0, periods, dt)
+                b = _replay(par, mem, current, body_b, 1, periods, dt)
+        if is_delayed(par, mem):
+            add_work(mem, a.work)
+            add_work(mem, b.work)
+            mem[model.JUMPED] = 1.0 if a.jump or b.jump else 0.0
+            if is_measured(par):
+                balance = mem[model.WORK] - mem[model.ACTUATION_WORK] + mem[model.SPRING_ENERGY]
+                control_gain(mem, balance, abs(a.work) + abs(b.work))
+
+
+class Interval(NamedTuple):
+    """The motion of a body since the last sample.
+
+    work: J. jump: whether it has jumped. force, torque: the mean wrench about the mass centre that
+    its change of velocity needed, N and N.m. size: of force and momentum rates, N, for rounding.
+    """
+
+    work: float
+    jump: bool
+    force: Vector
+    torque: Vector
+    size: float
+
+
+@inline_function
+def _measure_latency(
+    mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int
+) -> None:
+    """Add the interval to the estimate of the latency."""
+    if a.jump or b.jump:
+        mem[model.LAST_INTERVAL] = 0.0
+        return
+    resolution = body_a.inverse_mass * a.size * a.size + body_b.inverse_mass * b.size * b.size
+    needed = (a.force, a.torque, b.force, b.torque)
+    weights = (*_weights(body_a), *_weights(body_b))
+    if is_lock_step(mem, needed, periods, weights, resolution):
+        forget(mem, needed, periods)
+        return
+    begin_interval(mem)
+    for k in range(2):
+        body, seen = (body_a, a) if k == 0 else (body_b, b)
+        if body.free:
+            add_interval(mem, 6 * k, seen.force, periods, weights[2 * k])
+            add_interval(mem, 6 * k + 3, seen.torque, periods, weights[2 * k + 1])
+    if mem[model.LAST_INTERVAL] == 0.0:
+        begin_estimate(mem)
+    else:
+        estimate(mem, resolution)
+    mem[model.LAST_INTERVAL] = periods
+
+
+@inline_function
+def _inverse_inertia(body: Body) -> float:
+    """The inverse of the mean principal inertia; zero if infinite."""
+    total = body.inertia[0] + body.inertia[3] + body.inertia[5]
+    return 3.0 / total if total > 0.0 else 0.0
+
+
+@inline_function
+def _weights(body: Body) -> tuple[float, float]:
+    """Weights of the squares of force and torque; zero for a body that is not free."""
+    if not body.free:
+        return (0.0, 0.0)
+    return (body.inverse_mass, _inverse_inertia(body))
 
 
 @inline_function
 def _sent_at(mem: Array, late: int, j: int) -> int:
     """Index in ``mem`` of the wrenches that acted ``j`` periods before the last one."""
-    return model.SENT_WRENCHES + 12 * min(late + j, MAX_LATENCY)
-
-
-@inline_function
-def _add_misfits(
-    par: Array, mem: Array, current: Array, k: int, body: Body, periods: int, dt: float
-) -> None:
-    """Add the misfit of each latency for the velocity change of body k.
-
-    The misfit is a squared force, N^2, the mean over all periods since the last sample.
-    """
-    at = layout.A_POSE if k == 0 else layout.B_POSE
-    load = model.vector(current, layout.A_LOAD + 6 * k)
-    before = motion_of(body, mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], at).velocity
-    v = motion_of(body, current, at).velocity
-    weight = scale(body.mass, model.vector(par, model.GRAVITY))
-    needed = sub(scale(body.mass / (periods * dt), sub(v, before)), add_scaled(load, 1.0, weight))
-    for d in range(MAX_LATENCY + 1):
-        apart = needed
-        for j in range(periods):
-            apart = add_scaled(
-                apart, -1.0 / periods, model.vector(mem, _sent_at(mem, d, j) + 6 * k)
-            )
-        mem[model.LATENCY_MISFIT + d] += dot(apart, apart)
-
-
-@inline_function
-def _measure_latency(
-    par: Array, mem: Array, current: Array, body_a: Body, body_b: Body, periods: int, dt: float
-) -> None:
-    """Estimate the latency from the measured velocities and the sent wrenches."""
-    if periods > MAX_LATENCY:
-        return
-    for d in range(MAX_LATENCY + 1):
-        mem[model.LATENCY_MISFIT + d] *= FORGETTING
-    for k in range(2):
-        body = body_a if k == 0 else body_b
-        if body.free:
-            _add_misfits(par, mem, current, k, body, periods, dt)
-    greatest, best, least = 0.0, 0, math.inf
-    for d in range(MAX_LATENCY + 1):
-        misfit = mem[model.LATENCY_MISFIT + d]
-        greatest = max(greatest, misfit)
-        if misfit < least:
-            best, least = d, misfit
-    now = mem[model.LATENCY_MISFIT + int(mem[model.MEASURED_LATENCY])]
-    if least < SWITCH_RATIO * now and now > LEAST_MISFIT * greatest:
-        mem[model.MEASURED_LATENCY], mem[model.PERIOD_VARIATION] = best, 1.0
-        reset_stick_position(mem)
+    return model.SENT_WRENCHES + 12 * min(late + j, SENT_PERIODS - 1)
 
 
 @device_function
-def _work(
+def _replay(
     par: Array, mem: Array, current: Array, body: Body, k: int, periods: int, dt: float
-) -> tuple[float, bool]:
-    """The work on body k since the last sample, J, and whether the body has jumped.
+) -> Interval:
+    """Simulate the motion of body k since the last sample again, wrench by wrench.
 
-    The motion since the last sample is simulated again, wrench by wrench. Its difference from the
-    measured motion is distributed over the periods unless it is a jump.
+    Its difference from the measured motion is distributed over the periods unless it is a jump.
     """
     at, late = layout.A_POSE if k == 0 else layout.B_POSE, latency_of(par, mem)
-    state, h = mem[model.LAST_SAMPLE : model.LAST_SAMPLE_END], periods * dt
+    whole = int(late)
+    part = late - whole
+    state = mem[model.SIMULATED_SAMPLE : model.SIMULATED_SAMPLE + layout.NSAMPLE]
+    for i in range(layout.NSAMPLE):
+        state[i] = mem[model.LAST_SAMPLE + i]
+    h = periods * dt
     first, measured = motion_of(body, state, at), motion_of(body, current, at)
     work, mean, turn = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    m = first
-    for i in range(periods):
-        acted = _sent_at(mem, late, periods - 1 - i) + 6 * k
+    m, torques = first, (0.0, 0.0, 0.0)
+    for i in range(2 * periods):
+        share = part if i % 2 == 0 else 1.0 - part
+        if share == 0.0:
+            continue
+        acted = _sent_at(mem, whole + 1 - i % 2, periods - 1 - i // 2) + 6 * k
         force, torque = model.vector(mem, acted), model.vector(mem, acted + 3)
-        advance_body(par, body, state, at, force, torque, current, layout.A_LOAD + 6 * k, dt)
+        advance_body(par, body, state, at, force, torque, state, layout.A_LOAD + 6 * k, share * dt)
         last, m = m, motion_of(body, state, at)
-        work += dot(force, sub(m.com, last.com)) + 0.5 * dt * dot(torque, add(m.spin, last.spin))
-        mean = add_scaled(mean, 1.0 / periods, force)
-        turn = add_scaled(turn, dt * (i + 0.5) / periods, torque)
+        turning = 0.5 * share * dt * dot(torque, add(m.spin, last.spin))
+        work += dot(force, sub(m.com, last.com)) + turning
+        mean = add_scaled(mean, share / periods, force)
+        torques = add_scaled(torques, share / periods, torque)
+        turn = add_scaled(turn, share * dt * (i // 2 + 0.5) / periods, torque)
     moved, expected = sub(measured.com, first.com), scale(h, measured.velocity)
+    check_twist(mem, k, moved, first.velocity, measured.velocity, h)
     apart, late_by = sub(measured.com, m.com), sub(moved, expected)
     halfway = add_scaled(late_by, 0.5 * h, sub(measured.velocity, first.velocity))
     least = min(dot(apart, apart), dot(late_by, late_by), dot(halfway, halfway))
-    if has_jumped(par, moved, expected, least, h):
-        return work, True
-    return work + dot(mean, apart) + dot(turn, sub(measured.spin, m.spin)), False
+    faster = sub(measured.velocity, m.velocity)
+    axes = matrix(measured.orientation)
+    spun = out_of(axes, times(body.inertia, into(axes, sub(measured.spin, m.spin))))
+    jump = has_jumped(par, moved, expected, least, h)
+    if not jump:
+        work += dot(mean, apart) + dot(turn, sub(measured.spin, m.spin))
+    if not body.free:
+        return Interval(work, jump, mean, torques, 0.0)
+    force, torque = add_scaled(mean, body.mass / h, faster), add_scaled(torques, 1.0 / h, spun)
+    size = RESOLUTION * (norm(force) + body.mass / h * norm(measured.velocity))
+    return Interval(work, jump, force, torque, size)

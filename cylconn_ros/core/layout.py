@@ -16,7 +16,8 @@ B_TWIST: Final = 20
 A_LOAD: Final = 26  # force (N), torque about the origin (N.m), world axes, besides gravity
 B_LOAD: Final = 32
 NSAMPLE: Final = 38
-MAX_LATENCY: Final = 8  # periods between a sample and the action of its wrench
+MAX_LATENCY: Final = 20  # periods between a sample and the action of its wrench
+SENT_PERIODS: Final = MAX_LATENCY + 12  # periods of which the sent wrenches are kept
 MOTION: Final = slice(0, 26)  # the part of a sample that is the plant's state
 LOADS: Final = slice(26, 38)
 
@@ -148,7 +149,6 @@ OK: Final = 0
 NOT_FINITE: Final = 1
 BAD_QUATERNION: Final = 2
 NO_PERIOD: Final = 3
-UNKNOWN_METHOD: Final = 4  # never published: a Connector refuses such a method
 
 UNDERSAMPLED: Final = 1
 TURN_AMBIGUOUS: Final = 2

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from cylconn_ros.core.friction import SIZE, Array, Law, unpack
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Nodes
+from cylconn_ros.core.layout import MAX_LATENCY, SENT_PERIODS
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import Quaternion, Vector
 
@@ -34,10 +35,17 @@ LOCK: Final = STOPS + 5  # component (0 none, 1 slide, 2 spin), position, force 
 COMMAND: Final = LOCK + 3  # of slide, of spin: position, velocity, force (NaN: not imposed)
 AUGMENTED: Final = COMMAND + 6  # multiplier gain (NaN: automatic)
 BAUMGARTE: Final = AUGMENTED + 1  # alpha, beta (NaN: from the period), regularisation velocity
-LATENCY: Final = BAUMGARTE + 3  # periods from a sample to the action of its wrench; -1: measured
+LATENCY: Final = BAUMGARTE + 3  # periods from a sample to the action of its wrench, or MEASURED, or
+#                                 ADAPTED: unknown inertia, the gains follow from the energy
+MEASURED: Final = -1.0
+ADAPTED: Final = -2.0
 REST_RATE: Final = LATENCY + 1  # method observe: slip rate below which a motion is stick, m/s
 TOLERANCE: Final = REST_RATE + 1  # of the steps of method minimal; 0: its default
-TABLE: Final = TOLERANCE + 1  # of the friction coefficient: rates, forces, values
+CONSTRAINT: Final = (
+    TOLERANCE + 1
+)  # 0: the connector keeps it; the simulator does: 1 with a declared
+#                                    latency, 2 without (core/free_gain.py)
+TABLE: Final = CONSTRAINT + 1  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined
@@ -77,20 +85,43 @@ MULTIPLIER: Final = 69  # 4, of the augmented Lagrangian: f2, f3, m2, m3
 PASSIVITY_CONTROLLER: Final = 73  # 2 x 18: offsets, swings (methods/passivity_controller.py)
 INTEGRATION_MISFIT: Final = 109  # 2: of positions to exact, to semi-implicit integration, m^2
 LAST_VELOCITIES: Final = 111  # of the mass centres, 2 x 3, world axes
-SENT_WRENCHES: Final = 117  # of the last MAX_LATENCY + 1 periods, newest first: forces and torques
-#                             about the mass centres of A, of B, world axes
-PREDICTED_SAMPLE: Final = 225  # the sample predicted for the time of action (core/latency.py)
-LATENCY_MISFIT: Final = 263  # of every latency, N^2
-MEASURED_LATENCY: Final = 272  # periods
-LAST_SAMPLE: Final = 273  # 26, poses and twists of the last sample
-LAST_SAMPLE_END: Final = 299
-ANGULAR_MOMENTUM: Final = 299  # 2 x 3, about the mass centres at the last sample
-LAST_LOADS: Final = 305  # 2 x 6, loads of the last sample about the mass centres, world axes
-SWING: Final = 317  # the held swing S as a quaternion, 4
-JUMPED: Final = 321  # whether a body jumped in the last interval (core/passivity.py)
-JUMP_SHIFT: Final = 322  # 2: changes of length and angle by the jump
-PERIOD_VARIATION: Final = 324  # recent variation of the measured period, 0 to 1
-NMEM: Final = 325
+PREDICTED_SAMPLE: Final = 117  # the sample predicted for the time of action (core/latency.py)
+LAST_SAMPLE: Final = PREDICTED_SAMPLE + 38
+LAST_SAMPLE_END: Final = LAST_SAMPLE + 38
+ANGULAR_MOMENTUM: Final = LAST_SAMPLE_END  # 2 x 3, about the mass centres at the last sample
+LAST_LOADS: Final = ANGULAR_MOMENTUM + 6  # 2 x 6, loads of the last sample about the mass centres,
+#                                           world axes
+SWING: Final = LAST_LOADS + 12  # the held swing S as a quaternion, 4
+JUMPED: Final = SWING + 4  # whether a body jumped in the last interval (core/passivity.py)
+JUMP_SHIFT: Final = JUMPED + 1  # 2: changes of length and angle by the jump
+PERIOD_VARIATION: Final = JUMP_SHIFT + 2  # recent variation of the measured period, 0 to 1
+SENT_WRENCHES: Final = PERIOD_VARIATION + 1  # of the last SENT_PERIODS periods, newest first:
+#                             forces and torques about the mass centres of A, of B, world axes
+DELAYED: Final = SENT_WRENCHES + 12 * SENT_PERIODS  # whether a latency was measured
+MEASURED_LATENCY: Final = DELAYED + 1  # periods, with their fraction
+LOCK_STEP: Final = MEASURED_LATENCY + 1  # intervals in succession that agree with lock step
+LATENCY_FIT: Final = LOCK_STEP + 1  # S0, S1, S2 of every j (core/latency_estimation.py)
+FIT_CHANGE: Final = LATENCY_FIT + 3 * (MAX_LATENCY + 1)  # sum of S2 of the intervals in it
+INTERVAL_FIT: Final = FIT_CHANGE + 1  # the sums of the last interval
+LAST_NEEDED: Final = INTERVAL_FIT + 3 * (MAX_LATENCY + 1)  # 12: wrenches of the last interval
+FILTERED_NEEDED: Final = LAST_NEEDED + 12  # 12
+FILTERED_SENT: Final = FILTERED_NEEDED + 12  # 12 of every latency
+LAST_INTERVAL: Final = FILTERED_SENT + 12 * (MAX_LATENCY + 2)  # periods in it; 0: none
+SPREAD_SUMS: Final = LAST_INTERVAL + 1  # 2
+LATENCY_SPREAD: Final = SPREAD_SUMS + 2  # periods, standard deviation
+FEEDBACK_GAIN: Final = LATENCY_SPREAD + 1  # alpha; 0: not estimated yet
+GAIN_REDUCTION: Final = FEEDBACK_GAIN + 1  # by the passivity account, share
+LEAST_BALANCE: Final = GAIN_REDUCTION + 1  # J, least passivity balance
+RECENT_EXCHANGE: Final = LEAST_BALANCE + 1  # J, energy exchanged over the last samples
+SPRING_ENERGY: Final = RECENT_EXCHANGE + 1  # J, in the springs since the reference, last sample
+SIMULATED_SAMPLE: Final = SPRING_ENERGY + 1  # 38, the last sample as its motion is simulated again
+CONTRADICTED: Final = (
+    SIMULATED_SAMPLE + 38
+)  # whether the last measured motion contradicts the twists
+CONTRADICTION: Final = CONTRADICTED + 1  # 2 x 3: of each body, the squares of its motions by poses
+#                             and by twists when these last differed, and their product, m^2
+FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_gain.py)
+NMEM: Final = FREE_GAIN + 24
 
 
 class Output(NamedTuple):

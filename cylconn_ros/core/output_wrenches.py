@@ -87,6 +87,22 @@ def write_wrenches(
 
 
 @inline_function
+def add_reactions(mem: Array, acting: Frame, f: Vector, m: Vector) -> None:
+    """Add reactions that are not sent to the wrenches in ``mem``, which then move the bodies.
+
+    f, m: reaction on B at node b, force in the axes of a, moment in N.
+    """
+    force, moment = out_of(acting.axes, f), out_of_swung(acting, m)
+    torque_a = add(cross(acting.arm_a, force), moment)
+    torque_b = add(cross(acting.arm_b, force), moment)
+    for k in range(3):
+        mem[model.LAST_A + k] -= force[k]
+        mem[model.LAST_A + 3 + k] -= torque_a[k]
+        mem[model.LAST_B + k] += force[k]
+        mem[model.LAST_B + 3 + k] += torque_b[k]
+
+
+@inline_function
 def _write_published(
     o: model.Output,
     out: Array,

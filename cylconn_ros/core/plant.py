@@ -1,4 +1,9 @@
-"""The plant: two rigid bodies under gravity, loads and wrenches held over a period."""
+"""The plant: two rigid bodies under gravity, loads and wrenches held over a period.
+
+A wrench that acts late is taken up at the time of its action: it is converted there, once, and held
+(:func:`take_up`, :func:`advance`). With a delay of d = n + r periods, 0 <= r < 1, period k begins
+with the wrench of sample k - n - 1 and continues from r h on with that of sample k - n.
+"""
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
@@ -35,6 +40,57 @@ def step(
     _advance_published(par, body_b, state, layout.B_POSE, wrench_b, loads, 6, h)
 
 
+@device_function
+def step_late(
+    par: Array, state: Array, sent: Array, acting: Array, loads: Array, delay: float, h: float
+) -> None:
+    """Advance ``state`` (26,) in place by h (s); every wrench acts ``delay`` periods late.
+
+    Args:
+        sent: (n, 12) wrenches on A and B as published, that of this period's sample first; n >
+            ``delay``. Zero where none was sent.
+        acting: (12,) the wrenches that act (:func:`take_up`), updated.
+        loads: (12,) as of :func:`step`.
+    """
+    whole = int(delay)
+    part = (delay - whole) * h
+    if part > 0.0:
+        advance(par, state, acting, loads, part)
+    take_up(par, state, 0, sent[whole], acting)
+    take_up(par, state, 1, sent[whole], acting)
+    advance(par, state, acting, loads, h - part)
+
+
+@kernel
+def take_up(par: Array, state: Array, k: int, published: Array, acting: Array) -> None:
+    """Convert a wrench for body A (k = 0) or B (1) at its present pose, from which on it acts.
+
+    published: (12,) wrenches on A and B as published. acting: (12,) force and torque about the mass
+    centres of A and B in the axes in which they are held, written for body k.
+    """
+    body = model.body(par, model.BODY_A if k == 0 else model.BODY_B)
+    m = motion_of(body, state, layout.A_POSE if k == 0 else layout.B_POSE)
+    force, torque = _about_com(par, body, m, published, 6 * k)
+    if model.output(par).held_in_body:
+        axes = matrix(m.orientation)
+        force, torque = into(axes, force), into(axes, torque)
+    model.write_vector(acting, 6 * k, force)
+    model.write_vector(acting, 6 * k + 3, torque)
+
+
+@kernel
+def advance(par: Array, state: Array, acting: Array, loads: Array, h: float) -> None:
+    """Advance ``state`` (26,) in place by h (s) under wrenches that have been taken up."""
+    for k in range(2):
+        body = model.body(par, model.BODY_A if k == 0 else model.BODY_B)
+        at = layout.A_POSE if k == 0 else layout.B_POSE
+        force, torque = model.vector(acting, 6 * k), model.vector(acting, 6 * k + 3)
+        if model.output(par).held_in_body:
+            axes = matrix(motion_of(body, state, at).orientation)
+            force, torque = out_of(axes, force), out_of(axes, torque)
+        advance_body(par, body, state, at, force, torque, loads, 6 * k, h)
+
+
 @inline_function
 def motion_of(body: Body, state: Array, at: int) -> Motion:
     """A body's motion at its mass centre, from its pose and twist in ``state``."""
@@ -52,15 +108,23 @@ def _advance_published(
     par: Array, body: Body, state: Array, at: int, wrench: Array, loads: Array, load: int, h: float
 ) -> None:
     """Advance a body under a wrench as published."""
+    force, torque = _about_com(par, body, motion_of(body, state, at), wrench, 0)
+    advance_body(par, body, state, at, force, torque, loads, load, h)
+
+
+@inline_function
+def _about_com(
+    par: Array, body: Body, m: Motion, published: Array, at: int
+) -> tuple[Vector, Vector]:
+    """Force and torque about the mass centre, world axes, of the published wrench at ``at``."""
     o = model.output(par)
-    m = motion_of(body, state, at)
-    force, torque = model.vector(wrench, 0), model.vector(wrench, 3)
+    force, torque = model.vector(published, at), model.vector(published, at + 3)
     axes = matrix(m.orientation)
     if not o.world_axes:
         force, torque = out_of(axes, force), out_of(axes, torque)
     if not o.at_com:
         torque = sub(torque, cross(out_of(axes, body.com), force))
-    advance_body(par, body, state, at, force, torque, loads, load, h)
+    return force, torque
 
 
 @device_function

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import is_delayed
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import (
@@ -146,10 +147,10 @@ def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
             flags |= layout.TURN_AMBIGUOUS
         moved = sub(position, model.vector(mem, model.LAST_POSITION))
         expected = scale(0.5 * h, _add(model.vector(mem, model.LAST_VELOCITY), rates.v))
-        if norm(sub(moved, expected)) > CONTRADICTION * (norm(moved) + norm(expected)) + 1e-6:
-            flags |= layout.TWIST_CONTRADICTS
         if _check_motion(par, mem, a, b, h):
             flags |= layout.INTEGRATION
+        if mem[model.CONTRADICTED] != 0.0:
+            flags |= layout.TWIST_CONTRADICTS
         slid, spun = moved[0], angle - mem[model.LAST_ANGLE]
         if mem[model.JUMPED] != 0.0:
             reset_stick_position(mem)
@@ -167,10 +168,33 @@ def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
     model.write_vector(mem, model.LAST_POSITION, position)
     model.write_vector(mem, model.LAST_VELOCITY, rates.v)
     error = _error(mem, position, swing)
-    if par[model.LATENCY] == 0.0:
+    if not is_delayed(par, mem):
         _exclude_jump(par, mem, position[0], angle)
     _write_kinematics(par, mem, out, position, angle, misalignment, rates, error)
     return RelativeState(body_a, body_b, nodes, a, b, f, rates, position[0], angle, error, flags)
+
+
+@inline_function
+def check_twist(mem: Array, k: int, moved: Vector, before: Vector, after: Vector, h: float) -> None:
+    """Set CONTRADICTED in ``mem`` if the motion of body k within h contradicts its twists.
+
+    ``moved``: the change of position of the mass centre; ``before``, ``after``: its velocities.
+
+    An exact plant moves by h (v + v+)/2 and a semi-implicit one by h v+; if the velocity changes
+    within h (a stop, an impact, the end of slip), the motion is between h v and h v+. A change of
+    position farther than CONTRADICTION from all of these is not the motion of these velocities.
+    """
+    start, span = scale(h, before), scale(h, sub(after, before))
+    off, size = sub(moved, start), dot(span, span)
+    share = min(max(dot(off, span) / size, 0.0), 1.0) if size > 0.0 else 0.0
+    nearest = add_scaled(start, share, span)
+    apart = norm(sub(moved, nearest))
+    if apart > CONTRADICTION * (norm(moved) + norm(nearest)) + 1e-6:
+        by_twist = scale(0.5 * h, _add(before, after))
+        at = model.CONTRADICTION + 3 * k
+        mem[at], mem[at + 1] = dot(moved, moved), dot(by_twist, by_twist)
+        mem[at + 2] = dot(moved, by_twist)
+        mem[model.CONTRADICTED] = 1.0
 
 
 @inline_function
@@ -180,10 +204,12 @@ def _check_motion(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> boo
     Positions change by h (v + v+)/2 (exact plant) or h v+ (semi-implicit plant). Returns True if
     the measured integration is not the one that ``plant_integration`` states: a target for the
     wrong one leaves disturbances undamped. If neither fits, the body has jumped. With delayed
-    wrenches core/latency.py detects jumps and adds the work.
+    wrenches core/latency.py detects jumps, checks the twists and adds the work.
     """
-    at, prompt = model.INTEGRATION_MISFIT, par[model.LATENCY] == 0.0
+    at, prompt = model.INTEGRATION_MISFIT, not is_delayed(par, mem)
     exact, other, jump = 0.9 * mem[at], 0.9 * mem[at + 1], False
+    if prompt:
+        mem[model.CONTRADICTED] = 0.0
     for k in range(2):
         m = a if k == 0 else b
         last = model.LAST_A if k == 0 else model.LAST_B
@@ -194,6 +220,7 @@ def _check_motion(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> boo
         apart, apart_late = dot(mean, mean), dot(late, late)
         exact, other = exact + apart, other + apart_late
         if prompt:
+            check_twist(mem, k, moved, before, m.velocity, h)
             if has_jumped(par, moved, predicted, min(apart, apart_late), h):
                 jump, moved = True, sub(moved, mean)
             turning = scale(0.5 * h, _add(m.spin, model.vector(mem, last + 9)))
@@ -332,6 +359,7 @@ def _write_kinematics(
     out[layout.SPIN_VIOLATION] = math.sqrt(rates.w[1] * rates.w[1] + rates.w[2] * rates.w[2])
     out[layout.ENERGY_EXCHANGED] = mem[model.WORK_EXCHANGED]
     stored = _spring_energy(par, mem, position[0], angle) - mem[model.SPRING0]
+    mem[model.SPRING_ENERGY] = stored
     out[layout.PASSIVITY_BALANCE] = mem[model.WORK] + stored - mem[model.ACTUATION_WORK]
     radius = model.law(par).radius
     s1, s2 = rates.v[0], radius * rates.w[0]

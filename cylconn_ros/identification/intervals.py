@@ -85,7 +85,12 @@ def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Interv
     usual = float(np.median(samples.h[1:]))
     connector = Connector(
         dataclasses.replace(
-            scene, method="observe", latency=0, tolerance=0.0, period=scene.period or usual
+            scene,
+            method="observe",
+            constraint="connector",
+            latency=0,
+            tolerance=0.0,
+            period=scene.period or usual,
         )
     )
     begins = samples.restarted.copy()

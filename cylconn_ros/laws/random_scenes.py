@@ -53,6 +53,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
     values: dict[str, Any] = {
         "method": method,
         "period": period,
+        "latency": 0,  # random samples do not follow from the wrenches: no latency to measure
         "gravity": _list(rng.choice([0.0, 1.0, 1.0]) * 9.81 * direction(rng, 1)[0]),
         "body_a": _body(rng, kind_a, mass * ratio_mass, inertia * ratio_inertia),
         "body_b": _body(rng, kind_b, mass, inertia),

@@ -139,7 +139,7 @@ def check_recording(
         connector: name of the connector, if the recording holds several.
 
     Raises RecordingError if the recording cannot be read, or if no laws are stated for its method,
-    for coupled connectors or for its latency.
+    for coupled connectors, for its latency or for the constraint of a simulator.
 
     """
     run = read_run(path, connector)
@@ -147,10 +147,15 @@ def check_recording(
     recorded = samples_of(run)
     if recorded.method not in residuals.RESIDUALS:
         raise RecordingError(f"{path}: no laws of a sample are stated for method {recorded.method}")
-    if recorded.scene.latency != 0:
+    if recorded.scene.latency > 0:
         raise RecordingError(
             f"{path}: latency = {recorded.scene.latency}: the outputs belong to predicted states, "
-            "which the recording does not contain; laws are stated for latency = 0"
+            "which the recording does not contain; laws are stated for lock step"
+        )
+    if recorded.scene.constraint == "simulator":
+        raise RecordingError(
+            f"{path}: constraint = 'simulator': the reactions are not sent, and the gain on slide "
+            "and spin is not recorded; laws are stated for the constraint 'connector'"
         )
     summary = LawSummary()
     for done, (block, index) in enumerate(recorded.blocks()):

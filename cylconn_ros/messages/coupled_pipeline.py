@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylconn_ros.connector.group import Group
-from cylconn_ros.connector.synchronizer import SynchronizedSample
+from cylconn_ros.connector.synchronized_sample import SynchronizedSample
 from cylconn_ros.core import layout
-from cylconn_ros.messages.pipeline import VALID_SAMPLE, MessagePipeline, Response
+from cylconn_ros.messages.output_messages import VALID_SAMPLE
+from cylconn_ros.messages.pipeline import MessagePipeline, Response
 
 _MAX_WAITING = 64  # samples: more than a queue of 50 messages can hold
 
@@ -55,6 +56,11 @@ class CoupledPipeline:
         self.group.reset()
         self._waiting.clear()
         self._last = None
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether a sample waits for those of other connectors."""
+        return bool(self._waiting)
 
     def take_responses(self) -> dict[int, Response]:
         """Remove and return the responses of the other connectors to the last sample."""

@@ -39,6 +39,11 @@ class Health:
     numbers: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(statistics.NCOUNTER))
 
     not_finite = _integer(statistics.NOT_FINITE)
+    not_finite_at = _integer(statistics.NOT_FINITE_AT)
+    too_large = _integer(statistics.TOO_LARGE)
+    too_large_at = _integer(statistics.TOO_LARGE_AT)
+    seen_value = _float(statistics.SEEN_VALUE)
+    overflowed = _integer(statistics.OVERFLOWED)
     bad_quaternion = _integer(statistics.BAD_QUATERNION)
     no_period = _integer(statistics.NO_PERIOD)
     off_period = _integer(statistics.OFF_PERIOD)
@@ -52,6 +57,18 @@ class Health:
     stops = _integer(statistics.STOPS)
     regime = _integer(statistics.REGIME)
     lock = _integer(statistics.LOCK)
+
+    @property
+    def off_norm(self) -> tuple[int, int]:
+        """Samples with an orientation whose norm is not 1, of A and of B."""
+        a, b = self.numbers[statistics.OFF_NORM : statistics.OFF_NORM + 2]
+        return int(a), int(b)
+
+    @property
+    def seen_norm(self) -> tuple[float, float]:
+        """The last such norm of A and of B."""
+        a, b = self.numbers[statistics.SEEN_NORM : statistics.SEEN_NORM + 2]
+        return float(a), float(b)
 
     def report(self) -> Health:
         """A copy; afterwards ``worst_…``, flags and stops begin again."""

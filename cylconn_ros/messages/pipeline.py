@@ -6,6 +6,7 @@ replay feeds the same class from a recording and gets the same bytes.
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import functools
 import time
@@ -15,13 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.synchronizer import SampleMatcher, SynchronizedSample
+from cylconn_ros.connector.synchronized_sample import SynchronizedSample
+from cylconn_ros.connector.synchronizer import SampleMatcher
 from cylconn_ros.core import layout
-from cylconn_ros.messages import cdr_decoder, joint_command, statistics
-from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
+from cylconn_ros.messages import cdr_decoder, joint_command, output_messages, statistics
 from cylconn_ros.messages.health import Health
+from cylconn_ros.messages.load_messages import LoadMessages
+from cylconn_ros.messages.output_messages import VALID_SAMPLE, OutputMessages, PipelineParts
 from cylconn_ros.messages.prefix_decoder import PrefixDecoder
-from cylconn_ros.messages.templates import MessageTemplates
 from cylconn_ros.scene.inputs import BODIES, STREAM_NUMBER, STREAMS, WRENCH, InputType, selected
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
@@ -39,11 +41,6 @@ OUTPUTS = (
     (JOINTS_TOPIC, JOINT_STATE),
 )
 """Name and type of the outputs, in the order of the messages of a :class:`Response`."""
-
-_JOINTS = (
-    layout.LENGTH, layout.ANGLE, layout.VELOCITY, layout.ANGULAR_VELOCITY, layout.FORCE,
-    layout.MOMENT,
-)  # fmt: skip
 
 
 class Response(NamedTuple):
@@ -76,21 +73,6 @@ def _body_inputs(scene: Scene) -> list[tuple[int, InputType]]:
     return [(body, kind) for body in moving for kind in selected(scene.input)]
 
 
-VALID_SAMPLE = np.zeros(layout.NSAMPLE)
-"""A sample that every connector can process; used to compile before the first real one."""
-VALID_SAMPLE[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
-
-
-class PipelineParts(NamedTuple):
-    """The parts of a pipeline that compiled code works on (ros/executor/fused.py)."""
-
-    decoder: PrefixDecoder
-    connector: tuple[int, np.ndarray, np.ndarray, float]  # Connector.kernel_arguments()
-    out: np.ndarray  # (NOUT,)
-    counters: np.ndarray  # (NCOUNTER,)
-    templates: MessageTemplates
-
-
 class MessagePipeline:
     """Process input messages into responses; no message makes it raise.
 
@@ -98,25 +80,33 @@ class MessagePipeline:
     ----------
     imposed
         Motion or force imposed on slide and spin, by the scene or by the last command.
-    loads
-        The last message of every load, by relative topic name; it acts until the next.
+    loads, output
+        The messages of loads; the output messages.
     wanted
         Function of an output's name: whether ``~/state`` or ``~/joint_state`` is requested.
     solve_coupled
         Function that processes a complete sample of a connector that shares bodies with others
         (messages/coupled_pipeline.py); None for a connector that shares none.
+    is_loaded
+        Whether the kernels are loaded. Only then messages may be processed.
     continues
         Whether the history of the previous pipeline continues (:meth:`restore_from`).
 
     Raises SceneError at construction if the connector cannot serve the scene.
     """
 
-    def __init__(self, scene: Scene, previous: MessagePipeline | None = None) -> None:
-        """Make the pipeline of a scene; with ``previous``, see :meth:`restore_from`."""
+    def __init__(
+        self, scene: Scene, previous: MessagePipeline | None = None, load: bool = True
+    ) -> None:
+        """Make the pipeline of a scene; with ``previous``, see :meth:`restore_from`.
+
+        ``load``: load or compile the kernels now (:meth:`load_kernels`).
+        """
         self.scene = scene
         self.connector = Connector(scene)
         self.imposed = joint_command.in_scene(scene.command)
-        self.loads: dict[str, bytes] = {}
+        self.loads = LoadMessages()
+        self._responses: collections.deque[Response] = collections.deque()  # for :meth:`next`
         self.matcher = SampleMatcher(scene)
         self.wanted: Callable[[str], bool] = lambda _: True
         self.solve_coupled: Callable[[SynchronizedSample, float], Response | None] | None = None
@@ -125,36 +115,26 @@ class MessagePipeline:
         self.health = Health()
         self.inputs = self._make_inputs()
         self._out = np.zeros(layout.NOUT)
-        world_axes = scene.wrench.axes == "world"
-        frames = [scene.world_frame if world_axes else body.frame for body in scene.bodies]
-        self._wrenches = [StampedWriter(frame) for frame in frames]
-        self._state = StateWriter(scene.body_a.frame, self.connector.method)
-        self._joints = JointStateWriter(scene.body_a.frame, joint_command.COMPONENTS)
-        self.templates = MessageTemplates(
-            [
-                *(writer.write(0, np.zeros(6)) for writer in self._wrenches),
-                self._state.write(0, self._out),
-                self._joints.write(0, *np.zeros((3, len(joint_command.COMPONENTS)))),
-            ],
-            [
-                *(writer.blocks for writer in self._wrenches),
-                self._state.blocks,
-                self._joints.blocks,
-            ],
-        )
-        self._compile()
+        self.output = OutputMessages(scene, self.connector.method)
+        self.is_loaded = False
+        if load:
+            self.load_kernels()
         self._last_stamp: int | None = None  # of the sample whose outputs are in ``out``
         self.continues = False
         if previous is not None:
             self.restore_from(previous)
 
-    def _compile(self) -> None:
-        """Compile everything now, so that no sample has to wait for it."""
+    def load_kernels(self) -> None:
+        """Load or compile all kernels, so that no sample has to wait for it."""
+        memory = self.connector.memory
         self.connector.step(VALID_SAMPLE, 1e-3)
-        self.connector.reset()
+        self.connector.memory = memory
         self.decoder.prepare()
-        statistics.count_one(np.zeros(statistics.NCOUNTER), np.zeros(layout.NOUT), 0.0, 0.0)
-        self.templates.write(0, self._out)
+        statistics.count_one(
+            np.zeros(statistics.NCOUNTER), VALID_SAMPLE, np.zeros(layout.NOUT), 0.0, 0.0
+        )
+        self.output.templates.write(0, self._out)
+        self.is_loaded = True
 
     def restore_from(self, previous: MessagePipeline) -> None:
         """Adopt counts, loads and commands of ``previous``, which must not be used afterwards.
@@ -164,7 +144,9 @@ class MessagePipeline:
         """
         self.continues = self.scene.keeps_history(previous.scene)
         self.health, self.wanted = previous.health, previous.wanted
-        self.loads = {name: data for name, data in previous.loads.items() if name in self.inputs}
+        self.loads.restore_from(previous.loads, self.inputs)
+        self._responses = previous._responses
+        previous._replay_pending()
         self.matcher.restore_from(previous.matcher, history=self.continues)
         if self.continues:
             self.connector.memory = previous.connector.memory
@@ -190,19 +172,39 @@ class MessagePipeline:
         The next sample begins a new history.
         """
         self.connector.reset(keep_in_flight=True)
-        self.decoder.replay_pending(self._use_reference_path)
+        self._replay_pending()
         self.matcher.reset()
         self._last_stamp = None
 
     def flush(self) -> None:
         """Count the messages of a partial sample that made no progress since the previous call.
 
-        To be called periodically.
+        To be called periodically, and :meth:`next` afterwards.
         """
         pending = self.decoder.pending
         if pending and pending == self._pending_before:
-            self.decoder.replay_pending(self._use_reference_path)
+            self._replay_pending()
         self._pending_before = pending
+
+    def next(self) -> Response | None:
+        """The response to one more sample that is complete, or None.
+
+        To be called after each response: a message can complete several samples that waited.
+        """
+        if self._responses:
+            return self._responses.popleft()
+        while (sample := self.decoder.next()) is not None:
+            response = self._respond(sample)
+            if response is not None:  # else it waits for those of other connectors
+                return response
+        return None
+
+    def give_up(self) -> Response | None:
+        """Process the oldest sample that waits for a load without it; None if none waits."""
+        stamp = self.decoder.waiting
+        if stamp is not None:
+            self.matcher.loads.give_up(stamp)
+        return self.next()
 
     def release(self) -> None:
         """End all commands: impose only what the scene's parameters state."""
@@ -218,13 +220,8 @@ class MessagePipeline:
         """The arrays for compiled code; they stay the same ones."""
         connector = self.connector.kernel_arguments()
         return PipelineParts(
-            self.decoder, connector, self._out, self.health.numbers, self.templates
+            self.decoder, connector, self._out, self.health.numbers, self.output.templates
         )
-
-    @property
-    def timing(self) -> slice:
-        """The bytes of the computing time in a state message."""
-        return self._state.timing
 
     @property
     def out(self) -> np.ndarray:
@@ -245,16 +242,6 @@ class MessagePipeline:
         self.matcher.advance(stamp, before, samples)
         self._last_stamp = stamp
 
-    def rows(self, name: str, stamps: np.ndarray, outs: np.ndarray) -> np.ndarray:
-        """(n, bytes) uint8: messages of an output for (n,) stamps in ns and (n, NOUT) outputs."""
-        if name == STATE_TOPIC:
-            return self._state.rows(stamps, outs)
-        if name == JOINTS_TOPIC:
-            return self._joints.rows(stamps, outs[:, _JOINTS].reshape(len(outs), 3, 2))
-        body = BODIES.index(name.partition("/")[0])
-        at = (layout.FORCE_A, layout.FORCE_B)[body]
-        return self._wrenches[body].rows(stamps, outs[:, at : at + 6])
-
     def zero(self) -> Response | None:
         """Zero wrenches for a timeout of the input; None if no sample was processed before.
 
@@ -270,10 +257,11 @@ class MessagePipeline:
             if kind.carries_motion:
                 receive = functools.partial(self._process_motion, STREAM_NUMBER[name])
             else:
-                load = functools.partial(self._set_load, body, kind)
-                receive = functools.partial(self._process, load)
+                receive = functools.partial(self._process_load, name, body, kind)
             inputs[name] = Input(kind.type, receive)
-        inputs[COMMAND] = Input(JOINT_STATE, functools.partial(self._process, self._command))
+        inputs[COMMAND] = Input(
+            JOINT_STATE, functools.partial(self._process, COMMAND, self._command)
+        )
         return inputs
 
     def _process_motion(self, stream: int, data: bytes) -> Response | None:
@@ -282,16 +270,37 @@ class MessagePipeline:
         if found is True:
             return None
         if found is False:
-            self.decoder.replay_pending(self._use_reference_path)
-            return self._use_reference_path(stream, data)
+            self._replay_pending()
+            return self._in_order(self._use_reference_path(stream, data))
+        return self._respond(found)
+
+    def _respond(self, sample: SynchronizedSample) -> Response | None:
         try:
-            return self._step(found, time.perf_counter())
+            return self._step(sample, time.perf_counter())
         except Exception as error:
-            return self._fail(error, found)
+            return self._fail(error, sample)
+
+    def _replay_pending(self) -> None:
+        """Pass the partly received sample to the reference path."""
+
+        def replay(stream: int, data: bytes) -> None:
+            response = self._use_reference_path(stream, data)
+            if response is not None:
+                self._responses.append(response)
+
+        self.decoder.replay_pending(replay)
+
+    def _in_order(self, response: Response | None) -> Response | None:
+        """The next response, if ``response`` is the newest."""
+        if not self._responses:
+            return response
+        if response is not None:
+            self._responses.append(response)
+        return self._responses.popleft()
 
     def _use_reference_path(self, stream: int, data: bytes) -> Response | None:
         """Process a message of motion on the reference path."""
-        return self._process(functools.partial(self._decode, stream), data)
+        return self._process(STREAMS[stream].name, functools.partial(self._decode, stream), data)
 
     def _decode(self, stream: int, data: bytes) -> SynchronizedSample | None:
         """Decode a message, and make its prefix the known one of the stream."""
@@ -300,10 +309,19 @@ class MessagePipeline:
         stamp, frame, child, pose, twist = cdr_decoder.read_input(kind, data)
         return self.matcher.motion(body, stamp, (frame, child), pose, twist)
 
-    def _set_load(self, body: int, kind: InputType, data: bytes) -> None:
+    def _process_load(self, name: str, body: int, kind: InputType, data: bytes) -> Response | None:
+        """Process a load, and the sample that waited for it."""
+        return self._process(name, functools.partial(self._add_load, name, body, kind), data) or (
+            self.next()
+        )
+
+    def _add_load(
+        self, name: str, body: int, kind: InputType, data: bytes
+    ) -> SynchronizedSample | None:
         message = cdr_decoder.read_input(kind, data)
-        self.matcher.load(body, message.frame, message.pair)
-        self.loads[f"{BODIES[body]}/{kind.topic}"] = data
+        sample = self.matcher.load(body, message.stamp, message.frame, message.pair)
+        self.loads.add(name, message.stamp, data, self.matcher.last_stamp)
+        return sample
 
     def _command(self, data: bytes) -> None:
         try:
@@ -319,9 +337,9 @@ class MessagePipeline:
             self.imposed[name] = imposition
 
     def _process(
-        self, handle: Callable[[bytes], SynchronizedSample | None], data: bytes
+        self, name: str, handle: Callable[[bytes], SynchronizedSample | None], data: bytes
     ) -> Response | None:
-        """Process one message with its handler; the response if it completes a sample."""
+        """Process a message of an input with its handler; the response if a sample is complete."""
         begin = time.perf_counter()
         sample = None
         try:
@@ -329,7 +347,7 @@ class MessagePipeline:
             return None if sample is None else self._step(sample, begin)
         except cdr_decoder.CdrError as error:
             self.health.undecodable += 1
-            self.health.undecodable_text = str(error)
+            self.health.undecodable_text = f"{name}: {error}"
             return None
         except Exception as error:
             return self._fail(error, sample)
@@ -361,20 +379,18 @@ class MessagePipeline:
         out = self._out
         out[layout.COMPUTING_TIME] = time.perf_counter() - begin
         self._last_stamp = stamp
-        statistics.count_one(self.health.numbers, out, h, self.scene.period)
+        statistics.count_one(self.health.numbers, self.matcher.sample, out, h, self.scene.period)
         return self._write(stamp)
 
     def _write(self, stamp: int) -> Response:
-        templates = self.templates
-        templates.write(stamp, self._out)
-        state = templates.message(2) if self.wanted(STATE_TOPIC) else None
-        joints = templates.message(3) if self.wanted(JOINTS_TOPIC) else None
-        return Response(stamp, templates.message(0), templates.message(1), state, joints)
+        message = self.output.templates.message
+        self.output.templates.write(stamp, self._out)
+        state = message(output_messages.STATE) if self.wanted(STATE_TOPIC) else None
+        joints = message(output_messages.JOINTS) if self.wanted(JOINTS_TOPIC) else None
+        return Response(stamp, message(0), message(1), state, joints)
 
     def _zero_wrenches(self, stamp: int) -> Response:
-        zero = np.zeros(6)
-        wrenches = [writer.write(stamp, zero) for writer in self._wrenches]
-        return Response(stamp, wrenches[0], wrenches[1], None, None)
+        return Response(stamp, *self.output.zero(stamp), None, None)
 
 
 def _same(before: Scene, after: Scene, beginning: str) -> bool:

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.frames import frame_name
 from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.scene.inputs import ABSENT, STREAMS
 from cylconn_ros.scene.scene import Scene
@@ -62,7 +63,10 @@ class PrefixTable:
     def __init__(self, scene: Scene) -> None:
         """Begin without a prefix; ``scene`` states the names of the frames."""
         by_default = scene.twist_axes == "world"
-        self._frames = [_Frames(scene.world_frame, body.frame, by_default) for body in scene.bodies]
+        self._frames = [
+            _Frames(frame_name(scene.world_frame), frame_name(body.frame), by_default)
+            for body in scene.bodies
+        ]
         self.columns = np.full(len(STREAMS) * NCOLUMN, -1, np.int64)
         self.words = np.zeros(len(STREAMS) * MAX_WORDS, np.uint64)
         for number, (body, kind) in enumerate(STREAMS):
@@ -82,7 +86,8 @@ class PrefixTable:
             message = cdr_decoder.read_input(kind, data)
         except cdr_decoder.CdrError:
             return None
-        frame, child = message.frame, message.child_frame
+        frame = frame_name(message.frame)
+        child = None if message.child_frame is None else frame_name(message.child_frame)
         unknown, turned = 0, False
         if kind.pose != ABSENT:
             unknown += frame not in ("", world)

@@ -6,10 +6,9 @@ else takes the reference path, which decodes the message and passes it to the sy
 frame or byte order, a stamp that is not newer than the last sample's, messages of two samples
 interleaved. Both paths give the same samples and the same counts.
 
-The same device functions serve live messages, one at a time (:meth:`PrefixDecoder.process`,
-ros/executor/fused.py), and the messages of a recorded block (:meth:`PrefixDecoder.process_block`).
-The source of a message is the memory it is in, seen as uint64 and as float64 numbers that begin at
-every byte.
+The same device functions (messages/partial_sample.py) serve live messages, one at a time
+(:meth:`PrefixDecoder.process`, ros/executor/fused.py), and the messages of a recorded block
+(:meth:`PrefixDecoder.process_block`).
 """
 
 from __future__ import annotations
@@ -21,21 +20,36 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.frames import rotate_twist, write_load
-from cylconn_ros.connector.synchronizer import SampleMatcher, SynchronizedSample
+from cylconn_ros.connector.synchronized_sample import SynchronizedSample
+from cylconn_ros.connector.synchronizer import SampleMatcher
 from cylconn_ros.core import layout
-from cylconn_ros.core.jit import COMPILED, device_function, inline_function, kernel
+from cylconn_ros.core.jit import COMPILED, device_function, kernel
 from cylconn_ros.messages import prefix
-from cylconn_ros.messages.prefix import MAX_WORDS, NCOLUMN, PrefixTable
+from cylconn_ros.messages.partial_sample import (
+    ACCEPTED,
+    COMPLETE,
+    COUNT,
+    HAS_LAST,
+    LAST,
+    MISMATCH,
+    NEEDED,
+    NPARTIAL,
+    OPEN,
+    ORDER,
+    RECEIVED,
+    STAMP,
+    UNKNOWN_FRAMES,
+    accept,
+    is_complete,
+    message_stamp,
+    write_sample,
+)
+from cylconn_ros.messages.prefix import NCOLUMN, PrefixTable
 from cylconn_ros.scene.inputs import STREAMS
 from cylconn_ros.scene.scene import Scene
 
 AVAILABLE: Final = COMPILED and sys.byteorder == "little"
 """Whether this decoder works; if not, all messages take the reference path."""
-
-_SECOND: Final = 1_000_000_000
-_LITTLE_ENDIAN: Final = 256  # encapsulation header of little-endian plain CDR, as a number
-_STAMP: Final = 4  # offset of the stamp in a message
 
 ROW: Final = 1024
 """Bytes of memory for the message of one stream."""
@@ -44,27 +58,10 @@ OFFSET: Final = 4
 MAX_BYTES: Final = ROW - OFFSET
 """Greatest size of a live message that is decoded here."""
 
-# State of the partly received sample: the indices of an int64 array.
-OPEN: Final = 0  # 1: messages may be decoded here
-NEEDED: Final = 1  # bits of the quantities of a sample (connector/synchronizer.py)
-RECEIVED: Final = 2  # bits of the quantities that are received
-COUNT: Final = 3  # messages received
-STAMP: Final = 4  # of the partly received sample, ns
-HAS_LAST: Final = 5  # 1: a sample was complete before
-LAST: Final = 6  # stamp of the last complete sample, ns
-UNKNOWN_FRAMES: Final = 7  # frames that are no frame of the scene, in samples not yet counted
-ORDER: Final = 8  # (4,) streams of the received messages in their order
-BEGIN: Final = ORDER + 4  # (NSTREAM,) offset of the message of each stream in the source
-NPARTIAL: Final = BEGIN + len(STREAMS)
-
-# Results of accept().
-MISMATCH: Final = 0  # the message takes the reference path
-ACCEPTED: Final = 1
-COMPLETE: Final = 2  # the message completes the sample
-
 # Meanings of a channel of a block that is not the number of a stream.
 NOT_READ: Final = -1  # no input
 OTHER_INPUT: Final = -2  # an input without motion (load, command): a batch ends before it
+OUTPUT: Final = -3  # a wrench of the connector: the sample before it waited for no load any longer
 
 Integers = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -76,123 +73,39 @@ def row_begin(stream: int) -> int:
     return stream * ROW + OFFSET
 
 
-@device_function
-def quantities(stream: int, columns: Any) -> int:
-    """Bits of the quantities that the messages of a stream carry."""
-    return columns[stream * NCOLUMN + prefix.QUANTITIES]
-
-
-@inline_function
-def accept(
-    stream: int, begin: int, size: int, words: Any, columns: Any, prefixes: Any, partial: Any
-) -> int:
-    """Add a message to the partly received sample: MISMATCH, ACCEPTED or COMPLETE.
-
-    Args:
-        begin, size: the message in its source, bytes.
-        words: the source as uint64 numbers that begin at every byte.
-        columns, prefixes: of a :class:`~cylconn_ros.messages.prefix.PrefixTable`.
-        partial: (NPARTIAL,) state of the partly received sample; unchanged after a MISMATCH.
-    """
-    row = stream * NCOLUMN
-    bits = columns[row + prefix.QUANTITIES]
-    if partial[OPEN] == 0 or partial[NEEDED] & bits != bits or size != columns[row + prefix.SIZE]:
-        return MISMATCH
-    if words[begin] & np.uint64(0xFFFFFFFF) != np.uint64(_LITTLE_ENDIAN):
-        return MISMATCH
-    known, first = stream * MAX_WORDS, begin + prefix.FIRST_WORD
-    for i in range(columns[row + prefix.WORDS]):
-        if words[first + 8 * i] != prefixes[known + i]:
-            return MISMATCH
-    stamp_word = words[begin + _STAMP]
-    nanoseconds = np.int64(stamp_word >> np.uint64(32))
-    if nanoseconds >= _SECOND:
-        return MISMATCH
-    stamp = np.int64(np.int32(stamp_word & np.uint64(0xFFFFFFFF))) * _SECOND + nanoseconds
-    if partial[RECEIVED] == 0:
-        # Only a stamp newer than all before: an older one may be a repetition or a restart.
-        if partial[HAS_LAST] != 0 and stamp <= partial[LAST]:
-            return MISMATCH
-        partial[STAMP] = stamp
-        partial[COUNT] = 0
-    elif stamp != partial[STAMP] or partial[RECEIVED] & bits != 0:
-        return MISMATCH
-    partial[ORDER + partial[COUNT]] = stream
-    partial[BEGIN + stream] = begin
-    partial[COUNT] += 1
-    partial[RECEIVED] |= bits
-    return COMPLETE if partial[RECEIVED] == partial[NEEDED] else ACCEPTED
-
-
-@inline_function
-def copy_numbers(numbers: Any, begin: int, row: int, columns: Any, sample: Any) -> None:
-    """Copy the pose and twist of the message at ``begin`` to a sample (NSAMPLE,).
-
-    ``numbers``: the source as float64 numbers that begin at every byte. ``row``: the begin of the
-    stream's row in ``columns``.
-    """
-    pose, twist = layout.A_POSE, layout.A_TWIST
-    if columns[row + prefix.BODY] == 1:
-        pose, twist = layout.B_POSE, layout.B_TWIST
-    offset = columns[row + prefix.POSE]
-    if offset >= 0:
-        for j in range(7):
-            sample[pose + j] = numbers[begin + offset + 8 * j]
-    offset = columns[row + prefix.TWIST]
-    if offset >= 0:
-        for j in range(6):
-            sample[twist + j] = numbers[begin + offset + 8 * j]
-
-
-@inline_function
-def write_sample(
-    numbers: Any, columns: Any, partial: Any, loads: Any, load_axes: Any, sample: Any
-) -> None:
-    """Write the complete sample to ``sample`` (NSAMPLE,), world axes, and begin the next one.
-
-    ``loads``, ``load_axes``: of a :class:`~cylconn_ros.connector.synchronizer.SampleMatcher`.
-    """
-    for k in range(partial[COUNT]):
-        stream = partial[ORDER + k]
-        row = stream * NCOLUMN
-        copy_numbers(numbers, partial[BEGIN + stream], row, columns, sample)
-        partial[UNKNOWN_FRAMES] += columns[row + prefix.UNKNOWN_FRAMES]
-    for k in range(partial[COUNT]):  # now that all poses are in the sample
-        row = partial[ORDER + k] * NCOLUMN
-        if columns[row + prefix.TWIST] >= 0 and columns[row + prefix.IN_BODY_AXES] != 0:
-            rotate_twist(columns[row + prefix.BODY], sample)
-    for body in range(2):
-        write_load(body, loads, load_axes, sample)
-    partial[RECEIVED] = 0
+@kernel
+def _accept(
+    stream: int, begin: int, size: int, words: Any, columns: Any, prefixes: Any, partial: Any,
+    load_state: Any,
+) -> int:  # fmt: skip
+    return accept(stream, begin, size, words, columns, prefixes, partial, load_state)
 
 
 @kernel
-def _accept(
-    stream: int, begin: int, size: int, words: Any, columns: Any, prefixes: Any, partial: Any
-) -> int:
-    return accept(stream, begin, size, words, columns, prefixes, partial)
+def _is_complete(partial: Any, load_state: Any) -> bool:
+    return is_complete(partial, load_state)
 
 
 @kernel
 def _write_sample(
-    numbers: Any, columns: Any, partial: Any, loads: Any, load_axes: Any, sample: Any
+    numbers: Any, columns: Any, partial: Any, loads: Any, load_state: Any, sample: Any
 ) -> None:
-    write_sample(numbers, columns, partial, loads, load_axes, sample)
+    write_sample(numbers, columns, partial, loads, load_state, sample)
 
 
 @kernel
 def _decode_block(
     words: Any, numbers: Any, channel: Any, start: Any, size: Any,
     begin: int, end: int, streams: Any, columns: Any, prefixes: Any, partial: Any,
-    base: Any, loads: Any, load_axes: Any, samples: Any, stamps: Any, since: Any, closing: Any,
+    base: Any, loads: Any, load_state: Any, samples: Any, stamps: Any, since: Any, closing: Any,
 ) -> tuple[int, int]:  # fmt: skip
     """Decode samples from messages ``begin`` to ``end`` of a block until one does not match.
 
     Args:
         words, numbers: the bytes of the block as numbers that begin at every byte.
         channel, start, size: (n,) of its messages.
-        streams: by channel, the number of the stream, NOT_READ or OTHER_INPUT.
-        columns, prefixes, partial: as for :func:`accept`. loads, load_axes: as for
+        streams: by channel, the number of the stream, NOT_READ, OTHER_INPUT or OUTPUT.
+        columns, prefixes, partial: as for :func:`accept`. loads, load_state: as for
             :func:`write_sample`.
         base: (NSAMPLE,) the numbers of a sample that no message carries.
         samples, stamps, since, closing: (m, NSAMPLE), (m,) results: samples, their stamps in ns,
@@ -207,11 +120,16 @@ def _decode_block(
             stream = streams[channel[k]]
         if stream == NOT_READ:
             continue
-        if partial[RECEIVED] == 0:
-            first = k
         found = MISMATCH
-        if stream != OTHER_INPUT:
-            found = accept(stream, start[k], size[k], words, columns, prefixes, partial)
+        if stream == OUTPUT:
+            waits = partial[RECEIVED] == partial[NEEDED]
+            if not waits or message_stamp(start[k], words) != partial[STAMP]:
+                continue
+            found = COMPLETE
+        elif partial[RECEIVED] == 0:
+            first = k
+        if stream >= 0:
+            found = accept(stream, start[k], size[k], words, columns, prefixes, partial, load_state)
         if found == MISMATCH:
             partial[RECEIVED] = 0
             return n, first
@@ -219,7 +137,7 @@ def _decode_block(
             sample, stamp = samples[n], partial[STAMP]
             for j in range(layout.NSAMPLE):
                 sample[j] = base[j]
-            write_sample(numbers, columns, partial, loads, load_axes, sample)
+            write_sample(numbers, columns, partial, loads, load_state, sample)
             stamps[n], closing[n] = stamp, k
             since[n] = (stamp - partial[LAST]) * 1e-9
             partial[LAST] = stamp
@@ -298,12 +216,11 @@ class PrefixDecoder:
     def prepare(self) -> None:
         """Compile everything now, so that no sample has to wait for it."""
         if AVAILABLE:
-            table, matcher = self.table, self.matcher
-            _accept(0, OFFSET, 0, self.words, table.columns, table.words, self.partial.copy())
-            _write_sample(
-                self.numbers, table.columns, self.partial.copy(), matcher.load_numbers,
-                matcher.load_axes, matcher.sample.copy(),
-            )  # fmt: skip
+            table, matcher, partial = self.table, self.matcher, self.partial.copy()
+            loads, state = matcher.loads.numbers.copy(), matcher.loads.state.copy()
+            _accept(0, OFFSET, 0, self.words, table.columns, table.words, partial, state)
+            _is_complete(partial, state)
+            _write_sample(self.numbers, table.columns, partial, loads, state, matcher.sample.copy())
 
     def learn(self, stream: int, data: bytes) -> None:
         """Make the prefix of a message the known one; those with the same are decoded here."""
@@ -337,14 +254,43 @@ class PrefixDecoder:
         at = stream * ROW + OFFSET
         self._bytes[at : at + size] = data
         table = self.table
-        found = _accept(stream, at, size, self.words, table.columns, table.words, self.partial)
-        if found != COMPLETE:
-            return found == ACCEPTED
+        found = _accept(
+            stream, at, size, self.words, table.columns, table.words, self.partial,
+            self.matcher.loads.state,
+        )  # fmt: skip
+        return self._complete() if found == COMPLETE else found == ACCEPTED
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether messages of a sample that is not complete are received."""
+        return self._partial[RECEIVED] != 0 or self.matcher.is_partial
+
+    @property
+    def waiting(self) -> int | None:
+        """Stamp in ns of the oldest sample that lacks nothing but a load, or None."""
+        partial = self._partial
+        if partial[RECEIVED] == partial[NEEDED]:
+            return partial[STAMP]
+        return self.matcher.waiting
+
+    @property
+    def is_overtaken(self) -> bool:
+        """Whether messages of a newer sample than :attr:`waiting` are received."""
+        return self.matcher.is_overtaken  # a newer one ends the partly received sample
+
+    def next(self) -> SynchronizedSample | None:
+        """Complete a sample that waits for no load any longer; None if there is none."""
+        partial = self._partial
+        if partial[RECEIVED] != partial[NEEDED]:
+            return self.matcher.next()
+        return self._complete() if _is_complete(self.partial, self.matcher.loads.state) else None
+
+    def _complete(self) -> SynchronizedSample:
         matcher = self.matcher
-        complete = matcher.accept(partial[STAMP])
+        complete = matcher.accept(self._partial[STAMP])
         _write_sample(
-            self.numbers, table.columns, self.partial, matcher.load_numbers, matcher.load_axes,
-            matcher.sample,
+            self.numbers, self.table.columns, self.partial, matcher.loads.numbers,
+            matcher.loads.state, matcher.sample,
         )  # fmt: skip
         self.count_unknown_frames()
         return complete
@@ -354,15 +300,15 @@ class PrefixDecoder:
     ) -> tuple[int, int]:
         """Decode samples from message ``begin`` of a block on; no sample may be partly received.
 
-        ``streams``: by channel, the number of the stream, NOT_READ or OTHER_INPUT. Returns the
-        number of samples in ``results``, and the first message that is not part of them.
+        ``streams``: by channel, the number of the stream, NOT_READ, OTHER_INPUT or OUTPUT. Returns
+        the number of samples in ``results``, and the first message that is not part of them.
         """
         self.follow()
         matcher, table = self.matcher, self.table
         found: tuple[int, int] = _decode_block(
             block.unaligned("<u8"), block.unaligned("<f8"), block.channel, block.start, block.size,
             begin, len(block), streams, table.columns, table.words, self.partial,
-            matcher.sample.copy(), matcher.load_numbers, matcher.load_axes, *results,
+            matcher.sample.copy(), matcher.loads.numbers, matcher.loads.state, *results,
         )  # fmt: skip
         self.count_unknown_frames()
         return found

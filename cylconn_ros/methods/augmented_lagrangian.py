@@ -13,6 +13,7 @@ them (methods/passivity_controller.py), which sets the flag GAINS_LOWERED.
 """
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import feedback_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.relative_state import measure
@@ -50,6 +51,8 @@ def _block(
         model.PASSIVITY_CONTROLLER + passivity_controller.SIZE * block,
     )
     explicit, rho = model.output(par).semi_implicit, par[model.AUGMENTED]
+    alpha = feedback_gain(par, mem)
+    k, c = alpha * alpha * k, alpha * c
     g = passivity_controller.adapted_gains(mem, at, k, c, rho, h, explicit)
     passivity_controller.update(mem, at, g, e, w, (mem[to], mem[to + 1]))
     g = passivity_controller.adapted_gains(mem, at, k, c, rho, h, explicit)

@@ -22,6 +22,7 @@ import math
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delassus import in_swing_axes, of_body, sum_of_bodies
+from cylconn_ros.core.delay import feedback_gain
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import imposed_force
@@ -68,7 +69,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
         _acceleration(par, body_b, o.b, sample, layout.B_LOAD),
     )  # fmt: skip
     none = Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    target, far = _target(par, o, h)
+    target, far = _target(par, o, h, feedback_gain(par, mem))
     r = eliminate_constraint(g, free, none, target, 1.0)
 
     at, ref = model.ELASTICITY, model.REFERENCE
@@ -136,10 +137,10 @@ def _relative_acceleration(
 
 
 @device_function
-def _target(par: Array, o: RelativeState, h: float) -> tuple[Four, bool]:
+def _target(par: Array, o: RelativeState, h: float, gain: float) -> tuple[Four, bool]:
     """-2 alpha w - beta^2 e, with the correction limited to the pull-in speed; whether it is."""
-    alpha = model.value_or(par[model.BAUMGARTE], FEEDBACK / h)
-    beta = model.value_or(par[model.BAUMGARTE + 1], FEEDBACK / h)
+    alpha = gain * model.value_or(par[model.BAUMGARTE], FEEDBACK / h)
+    beta = gain * model.value_or(par[model.BAUMGARTE + 1], FEEDBACK / h)
     e, v, w = o.error, o.twist.v, o.twist.w
     settling = 2.0 * alpha / (beta * beta)  # s: e/settling is the speed of the approach
     y, z, far = correction_rate(e[0], e[1], settling, par[model.PULL_IN])

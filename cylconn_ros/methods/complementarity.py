@@ -13,13 +13,14 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import correction_share, feedback_gain, rate_share
+from cylconn_ros.core.free_gain import free_gain, holds_position
 from cylconn_ros.core.friction import Array, contact, limit
-from cylconn_ros.core.friction_disc import solve_alternative, solve_disc
+from cylconn_ros.core.friction_disc import DiscSolution, solve_alternative, solve_disc
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import ActiveLimits, Bounds, Two, eliminate_limits
-from cylconn_ros.core.latency import correction_share
 from cylconn_ros.core.relative_state import RelativeState
-from cylconn_ros.core.slip_curve import make_disc_problem, reaction
+from cylconn_ros.core.slip_curve import DiscProblem, make_disc_problem, reaction
 from cylconn_ros.core.small_matrices import Four
 
 ROUNDING_SHARE = 1e-15  # of the terms that cancel in a rate
@@ -228,6 +229,37 @@ def restitution_without_gain(
 
 
 @inline_function
+def _solve_lowered(
+    par: Array, mem: Array, o: RelativeState, d: DiscProblem, s: tuple[float, float, float],
+    h: float, alpha: float,
+) -> DiscSolution:  # fmt: skip
+    """Friction with the gain alpha < 1 (core/free_gain.py): stick is s+ = (1 - alpha) s- ...
+
+    It follows slip only where friction then takes energy; from stick on it also holds a position.
+    """
+    law, was_stick = model.law(par), mem[model.WAS_STICK] != 0.0
+    s1, s2 = d.s_minus
+    back1, back2 = (1.0 - alpha) * s1, (1.0 - alpha) * s2
+    if not (was_stick and holds_position(mem, alpha)):
+        mem[model.STICK_LENGTH], mem[model.STICK_ANGLE] = o.length, o.angle
+    else:
+        share = 0.25 * alpha * alpha / h
+        back1 -= share * (o.length - mem[model.STICK_LENGTH])
+        back2 -= share * law.radius * (o.angle - mem[model.STICK_ANGLE])
+    radius = law.radius
+    held = make_disc_problem(
+        d.s_minus, (d.s_free[0] - back1, d.s_free[1] - back2),
+        s[0], radius * s[1], radius * radius * s[2], d.base, d.c1, d.c2,
+    )  # fmt: skip
+    found = solve_disc(law, par, held, True)
+    power = found.phi[0] * s1 + found.phi[1] * s2
+    if found.regime == layout.STICK and (was_stick or power <= 0.0):
+        mean = (1.0 - 0.5 * alpha) * s1, (1.0 - 0.5 * alpha) * s2
+        return DiscSolution(found.phi, (back1, back2), mean, layout.STICK, found.flags)
+    return solve_disc(law, par, d, False)
+
+
+@inline_function
 def _friction(
     par: Array,
     mem: Array,
@@ -248,13 +280,17 @@ def _friction(
     v1, w1 = o.twist.v[0], o.twist.w[0]
     free, s = active.free, active.s
     s_free = (free[0], radius * free[1])
-    if was_stick:  # the position that stick holds is a target, as for a constraint
+    alpha = free_gain(par, mem)
+    if was_stick and alpha == 1.0:  # the position that stick holds is a target, as for a constraint
         if mem[model.STICK_SAMPLES] == 1.0:
             mem[model.STICK_LENGTH], mem[model.STICK_ANGLE] = o.length, o.angle
-        keep, share = 0.0 if explicit else 0.5, correction_share(par, mem)
+        keep, share = rate_share(par, mem, explicit), correction_share(par, mem)
         back = share * (o.length - mem[model.STICK_LENGTH]) / h + keep * v1
         turn = share * (o.angle - mem[model.STICK_ANGLE]) / h + keep * w1
         s_free = (s_free[0] + back, s_free[1] + radius * turn)
+    else:  # a slip that ends is not stopped at once if the time of action is uncertain
+        kept = (1.0 - feedback_gain(par, mem)) ** 2
+        s_free = (s_free[0] - kept * v1, s_free[1] - kept * radius * w1)
     # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
     e1, er = sp.e
     base = reactions(
@@ -267,7 +303,9 @@ def _friction(
     d = make_disc_problem(
         (v1, radius * w1), s_free, s[0], radius * s[1], radius * radius * s[2], base, by_p, by_q
     )
-    if which == BY_RULE:
+    if alpha < 1.0 and which == BY_RULE:
+        sol = _solve_lowered(par, mem, o, d, s, h, alpha)
+    elif which == BY_RULE:
         sol = solve_disc(law, par, d, was_stick)
     else:
         sol = solve_alternative(law, par, d, which == LEAST_TRACTION)

@@ -10,6 +10,7 @@ step of a single connector.
 from typing import Final
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.free_gain import store_step, update_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import inline_function, kernel
 from cylconn_ros.core.kinematics import Frame, Twist, relative_twist
@@ -126,8 +127,10 @@ def complete_coupled(
         (reduced[12], reduced[13]),
         (reduced[14], reduced[15], reduced[16]),
     )
+    update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     av = solve_free_axes(par, mem, o, r, h, model.output(par).semi_implicit)
     flags = impulse.write_outputs(par, mem, out, o, s, av, h)
+    store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
     out[layout.RESIDUAL] = (
         av.solved.residual
     )  # of its own part; connector/group.py adds that of the constraints

@@ -9,6 +9,8 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import reliable_restitution
+from cylconn_ros.core.free_gain import lag_of, stable_damping, stable_stiffness
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.joint_limits import (
@@ -69,7 +71,7 @@ def solve_free_axes(
     start_imposed_motion(par, mem, 0, o.length)
     start_imposed_motion(par, mem, 1, o.angle)
 
-    eps = par[model.STOPS + 4]
+    eps = reliable_restitution(par, mem)
     b1 = bounds(par, mem, 0, o.length, v1, h, eps, locked and component == 1)
     b2 = bounds(par, mem, 1, o.angle, w1, h, eps, locked and component == 2)
     if b1.impact != 0 or b2.impact != 0:
@@ -86,9 +88,8 @@ def solve_free_axes(
     restitution = _store_impacts(mem, o, b1, b2, eps, explicit, sides)
     _store_friction(par, mem, o, solved, h)
     advance_imposed_motion(par, mem, h)
-    at = model.ELASTICITY
-    k1, kr, c1, cr = par[at], par[at + 1], par[at + 2], par[at + 3]
-    u1, ur = _elongation(par, mem, o)
+    k1, kr, c1, cr = _coefficients(par, mem, r, h)
+    u1, ur = _elongation(par, mem, o, h)
     end = solved.end
     spring = (-k1 * (u1 + 0.25 * h * (v1 + end[0])), -kr * (ur + 0.25 * h * (w1 + end[1])))
     damper = (-0.5 * c1 * (v1 + end[0]), -0.5 * cr * (w1 + end[1]))
@@ -113,12 +114,28 @@ def _stop_bits(side: int) -> int:
 
 
 @inline_function
-def _elongation(par: Array, mem: Array, o: RelativeState) -> Two:
-    """u1mat (m) and ur1mat (rad): elongations from the constitutive reference."""
-    ref = model.REFERENCE
+def _elongation(par: Array, mem: Array, o: RelativeState, h: float) -> Two:
+    """u1mat (m) and ur1mat (rad): elongations from the constitutive reference, when they act."""
+    ref, lag = model.REFERENCE, lag_of(par, mem, h)
+    u1 = o.length - model.value_or(par[ref + 2], mem[model.LENGTH0])
+    ur = o.angle - model.value_or(par[ref + 3], mem[model.ANGLE0])
+    if lag > 0.0:
+        return u1 + lag * o.twist.v[0], ur + lag * o.twist.w[0]
+    return u1, ur
+
+
+@inline_function
+def _coefficients(
+    par: Array, mem: Array, r: ReducedStep, h: float
+) -> tuple[float, float, float, float]:
+    """k1, kr1, c1, cr1, weakened where the lag requires it (core/free_gain.py)."""
+    at, lag = model.ELASTICITY, lag_of(par, mem, h)
+    slide, spin = r.a[0] / h, r.a[2] / h
     return (
-        o.length - model.value_or(par[ref + 2], mem[model.LENGTH0]),
-        o.angle - model.value_or(par[ref + 3], mem[model.ANGLE0]),
+        stable_stiffness(par[at], slide, lag),
+        stable_stiffness(par[at + 1], spin, lag),
+        stable_damping(par[at + 2], slide, lag),
+        stable_damping(par[at + 3], spin, lag),
     )
 
 
@@ -127,10 +144,9 @@ def _with_springs(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, h: float, actuation: Two
 ) -> StepWithSprings:
     """Include spring and damper, push - E w+ with E = k h/4 + c/2: S = (I + hA E)^-1 hA."""
-    at = model.ELASTICITY
-    k1, kr, c1, cr = par[at], par[at + 1], par[at + 2], par[at + 3]
+    k1, kr, c1, cr = _coefficients(par, mem, r, h)
     v1, w1 = o.twist.v[0], o.twist.w[0]
-    u1, ur = _elongation(par, mem, o)
+    u1, ur = _elongation(par, mem, o, h)
     e1, er = 0.25 * k1 * h + 0.5 * c1, 0.25 * kr * h + 0.5 * cr
     push1 = actuation[0] - k1 * (u1 + 0.25 * h * v1) - 0.5 * c1 * v1
     push2 = actuation[1] - kr * (ur + 0.25 * h * w1) - 0.5 * cr * w1

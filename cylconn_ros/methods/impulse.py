@@ -32,28 +32,32 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delassus import DelassusOperator, in_swing_axes, of_body, sum_of_bodies
+from cylconn_ros.core.delay import correction_share, feedback_gain, rate_share
+from cylconn_ros.core.free_gain import (
+    free_gain,
+    is_simulators,
+    is_stopped,
+    store_step,
+    update_gain,
+)
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
-from cylconn_ros.core.latency import correction_share
-from cylconn_ros.core.output_wrenches import write_wrenches
+from cylconn_ros.core.output_wrenches import add_reactions, write_wrenches
 from cylconn_ros.core.relative_state import RelativeState, measure
-from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
+from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.small_matrices import Four, factor, solve
 from cylconn_ros.core.vectors import (
-    Quaternion,
     Vector,
     add_scaled,
-    cross,
-    matrix,
     norm,
-    out_of,
     scale,
     sub,
     turned,
 )
 from cylconn_ros.methods.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.free_axes import FreeAxes, solve_free_axes, write_state
+from cylconn_ros.methods.free_step import FreeStep, free_step
 from cylconn_ros.methods.predicted_end import (
     GAIN,
     MAX_TURN,
@@ -61,41 +65,10 @@ from cylconn_ros.methods.predicted_end import (
     NEWTON_ITERATIONS,
     predict_end,
 )
+from cylconn_ros.methods.simulator_constraint import kept_target, predicted_jacobian_change
 
 UNDERSAMPLED_ABOVE = 0.5  # |w| h, rad
 ROUNDING = 4e-16  # relative
-
-
-class FreeStep(NamedTuple):
-    """A body's free step: the configuration q~ and the end of the free velocity."""
-
-    middle: Motion  # its velocity is not used
-    end: Motion  # its configuration is not used
-    orientation: Quaternion  # at the half of the step
-
-
-@inline_function
-def _free_step(
-    par: Array, body: Body, m: Motion, load: Vector, torque: Vector, h: float, explicit: bool
-) -> FreeStep:
-    """The free step; ``explicit``: evaluated at its start, as a semi-implicit plant does."""
-    if not body.free:
-        q = turned(m.orientation, scale(0.5 * h, m.spin))
-        if explicit:
-            return FreeStep(m, m, q)
-        return FreeStep(Motion(add_scaled(m.com, 0.5 * h, m.velocity), q, m.velocity, m.spin), m, q)
-    a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load)
-    velocity = add_scaled(m.velocity, h, a)
-    half = turned(m.orientation, scale(0.5 * h, m.spin))
-    if explicit:
-        dw = angular_acceleration(body, m.orientation, m.spin, torque)
-        return FreeStep(m, Motion(m.com, half, velocity, add_scaled(m.spin, h, dw)), half)
-    com = add_scaled(add_scaled(m.com, 0.5 * h, m.velocity), h * h / 6.0, a)
-    # The angular velocity at the middle omits the load's torque: the connector usually balances it.
-    dw = angular_acceleration(body, m.orientation, m.spin, (0.0, 0.0, 0.0))
-    dw = angular_acceleration(body, half, add_scaled(m.spin, 0.5 * h, dw), torque)
-    spin = add_scaled(m.spin, h, dw)
-    return FreeStep(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
 
 
 @inline_function
@@ -146,8 +119,8 @@ def prepare_step(
     turn = max(norm(o.a.spin), norm(o.b.spin)) * h
     if turn > UNDERSAMPLED_ABOVE:
         flags |= layout.UNDERSAMPLED
-    free_a = _free_step_under_load(par, body_a, o.a, sample, layout.A_LOAD, h, explicit)
-    free_b = _free_step_under_load(par, body_b, o.b, sample, layout.B_LOAD, h, explicit)
+    free_a = free_step(par, mem, body_a, o.a, sample, layout.A_LOAD, model.LAST_A, h, explicit)
+    free_b = free_step(par, mem, body_b, o.b, sample, layout.B_LOAD, model.LAST_B, h, explicit)
     f = frame(o.nodes, free_a.middle, free_b.middle)
     g = in_swing_axes(
         sum_of_bodies(
@@ -159,9 +132,14 @@ def prepare_step(
     wf = relative_twist(f, free_a.end, free_b.end)
     coarse = explicit or min(norm(o.a.spin), norm(o.b.spin)) * h > MAX_TURN
     jacobian_change = _jacobian_change(o.nodes, f, o, h, coarse)
-    target, far = _target(par, o, jacobian_change, h, coarse, correction_share(par, mem))
+    if is_simulators(par):
+        jacobian_change = predicted_jacobian_change(mem, o, f, free_a.end, free_b.end, h, explicit)
+        target, far, alone = kept_target(jacobian_change), False, False
+    else:
+        target, far = _target(par, mem, o, jacobian_change, h, coarse)
     reduced = eliminate_constraint(g, wf, jacobian_change, target, h)
-    if alone and MIN_TURN < turn < MAX_TURN and not explicit and not model.output(par).held_in_body:
+    predictable = alone and not explicit and not model.output(par).held_in_body
+    if predictable and MIN_TURN < turn < MAX_TURN and feedback_gain(par, mem) == 1.0:
         jacobian_change, target, reduced, far = _with_predicted_end(
             par, mem, sample, o, f, g, wf, jacobian_change, target, reduced, far, h
         )
@@ -212,15 +190,23 @@ def write_outputs(
     force = (f1, av.constraint[0], av.constraint[1])
     moment = (m1, av.constraint[2], av.constraint[3])
     flags = s.flags | av.solved.flags
+    sent_force, sent_moment = force, moment
+    if is_simulators(par):
+        sent_force, sent_moment = (f1, 0.0, 0.0), (m1, 0.0, 0.0)
     flags |= write_wrenches(
-        par, mem, out, s.acting, force, moment,
+        par, mem, out, s.acting, sent_force, sent_moment,
         o.body_a, o.body_b, o.a, o.b,
         s.a.orientation, s.b.orientation,
     )  # fmt: skip
+    if is_simulators(par):
+        add_reactions(mem, s.acting, (0.0, force[1], force[2]), (0.0, moment[1], moment[2]))
+        if free_gain(par, mem) < 1.0:
+            flags |= layout.GAINS_LOWERED
     write_state(par, mem, out, o, s.reduced, av, force, moment, h)
     unsolved = constraint_residual(s.g, s.free, s.jacobian_change, s.target, force, moment, h)
     out[layout.RESIDUAL] = max(av.solved.residual, unsolved)
-    if mem[model.STICK_SAMPLES] >= layout.STOPPED_SAMPLES:
+    held = is_stopped(par, mem)
+    if mem[model.STICK_SAMPLES] >= layout.STOPPED_SAMPLES and held:
         flags |= layout.STOPPED
     return flags
 
@@ -230,19 +216,11 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
     o = measure(par, mem, sample, out)
     s = prepare_step(par, mem, sample, o, h, True)
+    update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     av = solve_free_axes(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
-    return write_outputs(par, mem, out, o, s, av, h)
-
-
-@inline_function
-def _free_step_under_load(
-    par: Array, body: Body, m: Motion, sample: Array, at: int, h: float, explicit: bool
-) -> FreeStep:
-    """The free step under a load that is given at the origin of the body frame."""
-    load = model.vector(sample, at)
-    arm = out_of(matrix(m.orientation), body.com)
-    torque = sub(model.vector(sample, at + 3), cross(arm, load))
-    return _free_step(par, body, m, load, torque, h, explicit)
+    flags = write_outputs(par, mem, out, o, s, av, h)
+    store_step(par, mem, s.reduced.free, s.reduced.a, flags & layout.LIMITED != 0)
+    return flags
 
 
 @inline_function
@@ -258,17 +236,14 @@ def _jacobian_change(nodes: Nodes, f: Frame, o: RelativeState, h: float, coarse:
 
 @inline_function
 def _target(
-    par: Array, o: RelativeState, jacobian_change: Twist, h: float, coarse: bool, share: float
+    par: Array, mem: Array, o: RelativeState, jacobian_change: Twist, h: float, coarse: bool
 ) -> tuple[Four, bool]:
-    """target_c, and whether the correction is limited to the pull-in speed.
-
-    ``share``: share of the error that this step removes.
-    """
-    e, w = scaled(o.error, share), o.twist
+    """target_c, and whether the correction is limited to the pull-in speed."""
+    e, w = scaled(o.error, correction_share(par, mem)), o.twist
     limits = _correction_limits(par, o, h)
     y, z, far_offset = correction_rate(e[0], e[1], h, limits[0])
     p2, p3, far_angle = correction_rate(e[2], e[3], h, limits[1])
-    keep = 0.0 if coarse else 0.5
+    keep = rate_share(par, mem, coarse)
     target = (
         y - keep * w.v[1] - jacobian_change.v[1],
         z - keep * w.v[2] - jacobian_change.v[2],

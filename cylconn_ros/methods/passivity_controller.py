@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import device_function, inline_function
 
 Two = tuple[float, float]
 
@@ -32,6 +32,10 @@ WINDOW = 64  # samples
 SHORTEST = 8  # samples, of a window that ends early because the energy grows fast
 SMALL_SHARE = 1e-3  # of the requested gain: below it the multiplier is not the cause
 GROWTH = 4.0  # of the peak energy over the least peak
+HALF_CYCLES = 3.0  # of an oscillation that grow in a row
+HALF_CYCLE_GROWTH = 1.2  # of the square of its greatest rate
+STRONG_GROWTH = 4.0
+LEAST_RATE = 1e-6  # m/s or rad/s: smaller rates are rounding
 LEAST_ERROR = 1e-9  # m or rad: smaller errors are rounding
 
 # Section of MEM for one pair of components; all zero at the start.
@@ -47,6 +51,8 @@ LEAST_PEAK = 9  # J, least peak of a window since gains were lowered; 0: none
 SAMPLES = 10  # in the window so far
 REVERSALS = 11  # in a row, each greater than the last
 FORCE = 12  # 2: of the last step
+GROWN = 3  # half cycles in a row that grew, in place of the work
+DIRECTION = 12  # 2: of the rate since its last reversal, in place of the force
 ERROR = 14  # 2: of the last sample
 RATE = 16  # 2
 SIZE = 18
@@ -85,6 +91,12 @@ def adapted_gains(
     )
 
 
+@inline_function
+def shares(mem: Array, at: int) -> Two:
+    """Shares of the requested stiffness and damping, as lowered so far."""
+    return math.exp(-mem[at + STIFFNESS_REDUCTION]), math.exp(-mem[at + DAMPING_REDUCTION])
+
+
 @device_function
 def update(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> None:
     """Add the work of the last step from this sample's error and rate; lower gains if needed."""
@@ -108,6 +120,38 @@ def update(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> No
         _start_window(mem, at, stored, multiplier)
     mem[at + ERROR], mem[at + ERROR + 1] = e
     mem[at + RATE], mem[at + RATE + 1] = w
+
+
+@device_function
+def watch(mem: Array, at: int, w: Two) -> bool:
+    """Whether the gains must be lowered: an oscillation grows, whenever the wrenches act.
+
+    If the latency is unknown, the work of a wrench is too. Of each half cycle, from one reversal of
+    the rate to the next, the greatest rate counts: it must grow by HALF_CYCLE_GROWTH, HALF_CYCLES
+    times in a row; half as often if it grows by STRONG_GROWTH.
+    """
+    _count_reversals(mem, at, w)
+    size = w[0] * w[0] + w[1] * w[1]
+    mem[at + RATE], mem[at + RATE + 1] = w
+    if w[0] * mem[at + DIRECTION] + w[1] * mem[at + DIRECTION + 1] <= 0.0:
+        before, peak = mem[at + LEAST_PEAK], mem[at + PEAK_ENERGY]
+        growing = peak > max(HALF_CYCLE_GROWTH * before, LEAST_RATE * LEAST_RATE)
+        step = 2.0 if peak > STRONG_GROWTH * before else 1.0
+        mem[at + GROWN] = mem[at + GROWN] + step if growing and before > 0.0 else 0.0
+        mem[at + LEAST_PEAK], mem[at + PEAK_ENERGY] = peak, 0.0
+        mem[at + DIRECTION], mem[at + DIRECTION + 1] = w
+    mem[at + PEAK_ENERGY] = max(mem[at + PEAK_ENERGY], size)
+    if mem[at + GROWN] < HALF_CYCLES:
+        return False
+    mem[at + GROWN] = 0.0
+    return True
+
+
+@inline_function
+def lower(mem: Array, at: int) -> None:
+    """Reduce the stiffness to a sixteenth and the damping to a quarter."""
+    mem[at + STIFFNESS_REDUCTION] += math.log(16.0)
+    mem[at + DAMPING_REDUCTION] += math.log(4.0)
 
 
 @device_function

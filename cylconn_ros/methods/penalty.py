@@ -17,8 +17,9 @@ damper.
 import math
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import adapts_gains, feedback_gain
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import (
     advance_imposed_motion,
     imposed_force,
@@ -30,6 +31,8 @@ from cylconn_ros.core.output_wrenches import write_contact, write_forces, write_
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import scale, turned
+from cylconn_ros.methods import passivity_controller
+from cylconn_ros.methods.passivity_controller import SIZE, Two
 
 
 @device_function
@@ -37,15 +40,41 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
     o = measure(par, mem, sample, out)
     at = model.PENALTY
-    k, kr, c, cr = par[at], par[at + 1], par[at + 2], par[at + 3]
     e, v, w = o.error, o.twist.v, o.twist.w
-    constraint = (
-        -k * e[0] - c * v[1],
-        -k * e[1] - c * v[2],
-        -kr * e[2] - cr * w[1],
-        -kr * e[3] - cr * w[2],
-    )
-    return write_outputs(par, mem, out, o, constraint, h)
+    if adapts_gains(par):
+        first, second = model.PASSIVITY_CONTROLLER, model.PASSIVITY_CONTROLLER + SIZE
+        grows = passivity_controller.watch(mem, first, (v[1], v[2]))
+        if passivity_controller.watch(mem, second, (w[1], w[2])) or grows:
+            passivity_controller.lower(mem, first)
+            passivity_controller.lower(mem, second)
+    y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]))
+    m2, m3, low_too = _block(par, mem, 1, par[at + 1], par[at + 3], (e[2], e[3]), (w[1], w[2]))
+    flags = write_outputs(par, mem, out, o, (y, z, m2, m3), h)
+    if low or low_too:
+        flags |= layout.GAINS_LOWERED
+    return flags
+
+
+@inline_function
+def shares(par: Array, mem: Array, block: int) -> tuple[float, float]:
+    """Shares of stiffness and damping in use, of offsets (block 0) or swings (1)."""
+    alpha = feedback_gain(par, mem)
+    k, c = alpha * alpha, alpha
+    if adapts_gains(par):
+        lowered = passivity_controller.shares(mem, model.PASSIVITY_CONTROLLER + SIZE * block)
+        k, c = lowered[0] * k, lowered[1] * c
+    return k, c
+
+
+@inline_function
+def _block(
+    par: Array, mem: Array, block: int, k: float, c: float, e: Two, w: Two
+) -> tuple[float, float, bool]:
+    """Constraint force on offsets (block 0) or swings (1); whether gains were lowered."""
+    soft, damp = shares(par, mem, block)
+    k, c = soft * k, damp * c
+    low = adapts_gains(par) and (soft < 1.0 or damp < 1.0)
+    return -k * e[0] - c * w[0], -k * e[1] - c * w[1], low
 
 
 @device_function
@@ -100,7 +129,8 @@ def _limit_force(
     par: Array, mem: Array, k: int, x: float, w: float, h: float
 ) -> tuple[float, int, int]:
     """Force of stops, lock or imposed motion on component k; which stop (1, 2) and lock (1)."""
-    stiff, damp = par[model.PENALTY + k], par[model.PENALTY + 2 + k]
+    soft, slow = shares(par, mem, k)
+    stiff, damp = soft * par[model.PENALTY + k], slow * par[model.PENALTY + 2 + k]
     rate = model.value_or(par[model.COMMAND + 3 * k + 1], 0.0)
     if int(par[model.LOCK]) == k + 1 and update_lock(par, mem, x, w, h):
         return -stiff * (x - mem[model.LOCK_POSITION]) - damp * w, 0, 1
@@ -130,7 +160,8 @@ def _friction(
     if not law.on:
         write_contact(out, pressed, 0.0, 0.0, 0.0)
         return (0.0, 0.0), layout.FRICTIONLESS
-    ks, cs = par[model.PENALTY + 4], par[model.PENALTY + 5]
+    soft, slow = shares(par, mem, 0)
+    ks, cs = soft * par[model.PENALTY + 4], slow * par[model.PENALTY + 5]
     s1, s2 = o.twist.v[0], law.radius * o.twist.w[0]
     rate = math.sqrt(s1 * s1 + s2 * s2)
     last = mem[model.LAST_PERIOD]

@@ -25,6 +25,7 @@ from typing import IO, Any, Literal
 
 import cylconn_ros
 from cylconn_ros.errors import CommandError, ProcessError
+from cylconn_ros.process.interrupt import interruptible_children
 
 PATIENCE = 10.0
 """Default time in seconds that a child gets to end after each signal."""
@@ -119,7 +120,9 @@ class Child:
     """A child process in a session of its own; a context manager that ends it.
 
     Ctrl-C in the terminal does not reach the child: this process receives it and ends the child.
-    The child prepares the ROS libraries for itself, as a program started from a shell does.
+    The child prepares the ROS libraries for itself, as a program started from a shell does. SIGINT,
+    which ends it, has its default action in the child, even if this process ignores it (nohup, or
+    the background of a shell).
 
     There are two forms of output:
 
@@ -157,17 +160,18 @@ class Child:
         self._on_line = on_line
         self._values: queue.Queue[str | None] = queue.Queue()  # None: end of the output
         try:
-            self._process = subprocess.Popen(
-                list(command),
-                cwd=folder,
-                env={k: v for k, v in environment.items() if k != _ROS_LIBRARIES_PREPARED},
-                stdin=subprocess.PIPE if json_lines else subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE if json_lines else subprocess.STDOUT,
-                text=True,
-                errors="replace",
-                start_new_session=True,
-            )
+            with interruptible_children():
+                self._process = subprocess.Popen(
+                    list(command),
+                    cwd=folder,
+                    env={k: v for k, v in environment.items() if k != _ROS_LIBRARIES_PREPARED},
+                    stdin=subprocess.PIPE if json_lines else subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE if json_lines else subprocess.STDOUT,
+                    text=True,
+                    errors="replace",
+                    start_new_session=True,
+                )
         except OSError as error:
             raise ProcessError(f"{name} cannot be started: {error}") from error
         self._readers = [self._reader(self._process.stdout, self._keep_value)] if json_lines else []

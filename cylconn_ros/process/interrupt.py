@@ -1,4 +1,4 @@
-"""Ctrl-C during compilation.
+"""Ctrl-C during compilation, and in child processes.
 
 An exception raised while Numba compiles leaves the compiler's callbacks as a page of traceback, or
 is lost. No resource is open yet at that point, so an interrupted program ends at once with one line
@@ -11,6 +11,7 @@ import contextlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from types import FrameType
 
@@ -57,3 +58,21 @@ def interruptible(
         for number in replaced:
             if signal.getsignal(number) is interrupt:
                 signal.signal(number, previous[number])
+
+
+@contextlib.contextmanager
+def interruptible_children() -> Iterator[None]:
+    """Start processes for which SIGINT has its default action, even if this one ignores it.
+
+    A program inherits that a signal is ignored, but not a handler. Only the main thread can set
+    one; on another thread nothing changes.
+    """
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if not ignored or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,11 +1,12 @@
 """Samples of a recorded run: its input messages, synchronized as by the node.
 
 Messages are processed in the order of their log times; at equal times loads before poses before
-twists.
+twists. A load acts on the sample with its stamp, unless the connector's wrench was recorded before.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, overload
@@ -13,7 +14,9 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.synchronizer import SampleMatcher, SynchronizedSample
+from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR
+from cylconn_ros.connector.synchronized_sample import SynchronizedSample
+from cylconn_ros.connector.synchronizer import SampleMatcher
 from cylconn_ros.core import layout
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.table import Table
@@ -24,6 +27,7 @@ Array = NDArray[np.float64]
 
 # In the order of processing at equal log times: loads, then motion.
 _KINDS = tuple(sorted(INPUTS, key=lambda kind: kind.carries_motion))
+_WRENCHES = tuple(f"{body}/wrench" for body in BODIES)
 _BATCH = 4096  # samples that are converted to arrays at once
 
 
@@ -57,7 +61,7 @@ def synchronized_samples(
     stored = {name: topic for name, topic in run.names.items() if topic in run.types}
     handlers: list[Callable[[int], SynchronizedSample | None]] = []
     places: list[NDArray[np.int64]] = []  # log time, rank, stream and row of every message
-    loads = 0
+    loads, waits = 0, False
     for body, name in enumerate(BODIES):
         for rank, kind in enumerate(_KINDS):
             ours = f"{name}/{kind.topic}"
@@ -78,6 +82,16 @@ def synchronized_samples(
                 np.stack([table.log_time, np.full(count, rank), np.full(count, stream), row])
             )
             handlers.append(_handler(matcher, body, kind, table))
+            waits |= not kind.carries_motion
+    wrench = next((stored[n] for n in _WRENCHES if n in stored), None)
+    if waits and wrench is not None:  # recorded by the node: shows when a sample waited no longer
+        stamps, times = run.table(wrench).stamp, run.table(wrench).log_time
+        rows = np.arange(len(times))
+        last = np.full((2, len(times)), ((len(_KINDS),), (len(handlers),)))
+        places.append(np.vstack([times, last, rows]))
+        handlers.append(functools.partial(_end_wait, matcher, stamps))
+    if waits:
+        matcher.expects = lambda *_: IF_REGULAR if wrench is None else ALWAYS
     if not loads:  # a simulated run has no load topics: its loads are in the scene
         matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
     merged = np.concatenate(places or [np.zeros((4, 0), np.int64)], axis=1)
@@ -87,7 +101,14 @@ def synchronized_samples(
     del merged, places, order
     for stream, row in zip(stream_of, row_of, strict=True):
         found = handlers[stream](row)
-        if found is not None and not found.repeated:
+        while found is not None:
+            if not found.repeated:
+                yield RecordedSample(found.stamp, found.h, found.restarted, matcher.sample.copy())
+            found = matcher.next()
+    while (waiting := matcher.waiting) is not None:
+        matcher.loads.give_up(waiting)
+        found = matcher.next()
+        if found is not None:
             yield RecordedSample(found.stamp, found.h, found.restarted, matcher.sample.copy())
 
 
@@ -148,6 +169,16 @@ class SampleArrays(Sequence[RecordedSample]):
         return SampleArrays(self.stamps[::2], h, restarted, self.samples[::2])
 
 
+def _end_wait(
+    matcher: SampleMatcher, stamps: NDArray[np.int64], k: int
+) -> SynchronizedSample | None:
+    """Wait for no load any longer if sample ``stamps[k]`` waits."""
+    if matcher.waiting != stamps[k]:
+        return None
+    matcher.loads.give_up(int(stamps[k]))
+    return matcher.next()
+
+
 def _handler(
     matcher: SampleMatcher, body: int, kind: InputType, table: Table
 ) -> Callable[[int], SynchronizedSample | None]:
@@ -157,7 +188,7 @@ def _handler(
         vectors(table, kind.pair_fields) if kind.pair_fields[0] else np.empty((len(table), 0))
     )
     if not kind.carries_motion:
-        return lambda k: matcher.load(body, str(frames[k]), pairs[k].tolist())
+        return lambda k: matcher.load(body, int(stamps[k]), str(frames[k]), pairs[k].tolist())
     poses: Array = np.empty((len(table), 0))
     if kind.pose_fields[0]:
         position, orientation = kind.pose_fields

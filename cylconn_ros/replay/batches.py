@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.messages import prefix_decoder, statistics
-from cylconn_ros.messages.pipeline import MessagePipeline
+from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline
 from cylconn_ros.recording.mcap.chunk_buffer import MessageArrays
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.scene.inputs import STREAM_NUMBER, STREAMS
@@ -65,7 +65,8 @@ class Batch:
 
     def rows(self, name: str) -> NDArray[np.uint8]:
         """(n, bytes) the messages of an output, by its relative name."""
-        return self._pipeline.rows(name, self.stamps, self.outs)
+        number = [output for output, _ in OUTPUTS].index(name)
+        return self._pipeline.output.rows(number, self.stamps, self.outs)
 
     def to_record(
         self, channels: Mapping[str, int], inputs: Collection[str], outputs: Mapping[str, str]
@@ -112,10 +113,15 @@ class Batch:
 class Batches:
     """Find and process the batches of a recording, between messages processed one by one."""
 
-    def __init__(self, pipeline: MessagePipeline, names: Mapping[str, str]) -> None:
-        """``names``: relative names of the inputs by recorded topic."""
+    def __init__(
+        self, pipeline: MessagePipeline, names: Mapping[str, str], wrenches: Collection[str] = ()
+    ) -> None:
+        """``names``: relative names of the inputs by recorded topic.
+
+        ``wrenches``: recorded topics of the wrenches.
+        """
         self._pipeline = pipeline
-        self._names = names
+        self._names, self._wrenches = names, wrenches
         moving = [body.kind != "fixed" for body in pipeline.scene.bodies]
         self._needed = [
             number
@@ -161,7 +167,9 @@ class Batches:
         outs[:, layout.COMPUTING_TIME] = (time.perf_counter() - began) / n
         matcher.sample[:], pipeline.out[:] = results.samples[n - 1], outs[n - 1]
         pipeline.advance(int(stamps[n - 1]), before, n)
-        statistics.count_all(pipeline.health.numbers, outs, since, pipeline.scene.period)
+        statistics.count_all(
+            pipeline.health.numbers, results.samples[:n], outs, since, pipeline.scene.period
+        )
 
     def _assign_streams(self, topics: Mapping[int, str], block: MessageBlock) -> None:
         """Assign each channel number of the block to a stream."""
@@ -174,3 +182,5 @@ class Batches:
             name = self._names.get(topics[channel])
             if name is not None:
                 self._streams[channel] = STREAM_NUMBER.get(name, prefix_decoder.OTHER_INPUT)
+            elif topics[channel] in self._wrenches:
+                self._streams[channel] = prefix_decoder.OUTPUT

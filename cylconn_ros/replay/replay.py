@@ -13,14 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
 from cylconn_ros.errors import RecordingError
+from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.sqlite import Topics
 from cylconn_ros.replay.batches import Batch, Batches
-from cylconn_ros.scene.inputs import INPUTS
+from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
 from cylconn_ros.scene.scene import Scene
 
 NODE = "/connector"
@@ -75,17 +77,23 @@ class Replay:
         self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}
         self.outputs = dict(OUTPUTS)
         self.input_topics = frozenset(self.inputs.values())
-        self.timing = {self.names[STATE_TOPIC]: self.pipeline.timing}
+        self.timing = {self.names[STATE_TOPIC]: self.pipeline.output.timing}
         self.counts = Counts()
         self._output_topics = set(self.names.values())
         self._receive: dict[str, Callable[[bytes], Response | None]] = {}
+        wrenches = {self.names[n] for n, kind in OUTPUTS if kind == WRENCH}
+        # Of a recording by the node: they follow the message that completed their sample.
+        self._wrenches = wrenches & set(bag.types) if "version" in bag.metadata else set()
+        self.pipeline.matcher.expects = self._expects
 
     def messages(self) -> Iterator[Item]:
         """Yield every recorded input and output message, and every replayed output."""
         self._begin()
+        end = 0
         for topic, log_time, data in self.bag.messages():
             yield from self._process(topic, log_time, data)
-        self._flush()
+            end = log_time
+        yield from self._flush(end)
 
     def parts(self) -> Iterator[Item | Batch]:
         """As :meth:`messages`, batched: runs of messages with known prefixes come as one Batch.
@@ -94,7 +102,8 @@ class Replay:
         """
         self._begin()
         by_topic = {topic: name for name, topic in self.inputs.items()}
-        batches = Batches(self.pipeline, by_topic)
+        batches = Batches(self.pipeline, by_topic, self._wrenches)
+        end = 0
         for topics, block in self.bag.blocks():
             at = 0
             while at < len(block):
@@ -105,7 +114,8 @@ class Replay:
                     at = batch.end
                     self._count(batch)
                     yield batch
-        self._flush()
+            end = int(block.log_time[-1]) if len(block) else end
+        yield from self._flush(end)
 
     def _begin(self) -> None:
         inputs = self.pipeline.inputs
@@ -132,18 +142,48 @@ class Replay:
             if topic in self._output_topics:
                 counts.outputs += 1
                 yield Item(topic, log_time, data, False)
+                if topic in self._wrenches:
+                    yield from self._answer(log_time, data)
             else:
                 counts.other += 1
             return
         counts.by_topic[topic] = counts.by_topic.get(topic, 0) + 1
         counts.used += 1
         yield Item(topic, log_time, data, False)
-        response = receive(data)
-        if response is not None:
-            counts.responses += 1
+        yield from self._outputs(receive(data), log_time)
+
+    def _answer(self, log_time: int, wrench: bytes) -> Iterator[Item]:
+        """Process a sample that waits for a load: the recorded node did, and sent ``wrench``."""
+        stamp = self.pipeline.decoder.waiting
+        if stamp is not None and stamp == _stamp_of(wrench):
+            yield from self._outputs(self.pipeline.give_up(), log_time)
+
+    def _outputs(self, response: Response | None, log_time: int) -> Iterator[Item]:
+        """Yield the outputs of a sample, and of those that are complete after it."""
+        while response is not None:
+            self.counts.responses += 1
             for (name, _), message in zip(OUTPUTS, response[1:], strict=True):
                 if message is not None:
                     yield Item(self.names[name], log_time, message, True)
+            response = self.pipeline.next()
+
+    def _expects(self, body: int, stamp: int) -> int:
+        """Whether samples wait for the loads of a body (connector/load_history.py).
+
+        The wrenches that a node recorded show when it waited no longer. Without them, samples wait
+        from the first one on if a load with its stamp is found in the first block.
+        """
+        topic = self.inputs.get(f"{BODIES[body]}/{LOAD.topic}")
+        if topic is None:
+            return NO
+        if self._wrenches:
+            return ALWAYS
+        for topics, block in self.bag.blocks():
+            for channel, _, _, data in block.messages():
+                if topics[channel] == topic and _stamp_of(data) == stamp:
+                    return IF_REGULAR
+            break
+        return NO
 
     def _count(self, batch: Batch) -> None:
         """Count the messages of a batch."""
@@ -161,9 +201,11 @@ class Replay:
                 counts.other += number
         counts.responses += len(batch)
 
-    def _flush(self) -> None:
-        """Count the messages of incomplete samples: two calls without progress in between."""
-        self.pipeline.flush()
+    def _flush(self, log_time: int) -> Iterator[Item]:
+        """Yield the outputs of samples that wait for loads, and count incomplete samples."""
+        while self.pipeline.decoder.waiting is not None:
+            yield from self._outputs(self.pipeline.give_up(), log_time)
+        self.pipeline.flush()  # twice, without progress in between
         self.pipeline.flush()
 
     def topics(self) -> list[TopicInfo]:
@@ -181,7 +223,12 @@ class Replay:
         kinds = {
             "undecodable": {"messages": health.undecodable},
             "not finite": {"samples": health.not_finite},
+            "too large": {"samples": health.too_large},
+            "overflow of the forces": {"samples": health.overflowed},
             "quaternion of length zero": {"samples": health.bad_quaternion},
+            f"quaternion with a norm of {max(health.seen_norm):.4g}": {
+                "samples": sum(health.off_norm),
+            },
             "without a period": {"samples": health.no_period},
             "not one period apart": {"samples": health.off_period},
             "refused": {"commands": health.refused},
@@ -189,7 +236,9 @@ class Replay:
             "duplicates": {
                 "samples": counts.duplicate_samples, "messages": counts.duplicate_messages,
             },
-            "late": {"messages": counts.late},
+            "late": {"messages": counts.late, "loads": counts.late_loads},
+            "not used": {"loads": counts.unused_loads},
+            "far ahead of the samples": {"loads": counts.early_loads},
             "incomplete": {"samples": counts.incomplete},
             "stamps went back": {"restarts": counts.restarts},
             "unknown frame_id": {"messages": counts.unknown_frames},
@@ -199,6 +248,14 @@ class Replay:
             for text, found in kinds.items()
             if any(found.values())
         ]
+
+
+def _stamp_of(data: bytes) -> int | None:
+    """Stamp of a message in ns, or None if it cannot be decoded."""
+    try:
+        return cdr_decoder.read_stamp(data)
+    except cdr_decoder.CdrError:
+        return None
 
 
 def _resolved(name: str, node: str) -> str:

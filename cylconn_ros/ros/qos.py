@@ -8,8 +8,10 @@ from typing import Any
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import (
     HistoryPolicy,
+    QoSCompatibility,
     QoSProfile,
     ReliabilityPolicy,
+    qos_check_compatible,
     qos_policy_name_from_kind,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -17,10 +19,15 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 DEPTH = 50
 
 
-def samples() -> QoSProfile:
-    """Reliable, keep last 50, volatile: no loss at several thousand samples per second."""
+def samples(reliability: str = "reliable") -> QoSProfile:
+    """Keep last 50, volatile, and reliable: no loss at several thousand samples per second.
+
+    ``reliability``: "reliable", or "best_effort" for subscriptions to publishers of either kind.
+    """
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE
+        history=HistoryPolicy.KEEP_LAST,
+        depth=DEPTH,
+        reliability=ReliabilityPolicy[reliability.upper()],
     )
 
 
@@ -57,14 +64,26 @@ def publisher_events(report: Callable[[str], None]) -> dict[str, Any]:
 
 def incompatible(topic: str, policy: str, is_input: bool) -> str:
     """Warning about a peer of ``topic`` whose ``policy`` is incompatible, with the remedy."""
-    if not is_input:
-        remedy = f"request no more than RELIABLE, VOLATILE, keep last {DEPTH}"
-    elif policy == "reliability":
-        override = f"qos_overrides.{topic}.subscription.reliability"
-        remedy = f"publish RELIABLE, or set {override} to best_effort"
-    else:
-        remedy = f"publish RELIABLE, VOLATILE, keep last {DEPTH}"
-    return f"{topic}: a peer's QoS is incompatible ({policy}); {remedy}"
+    if is_input and policy == "reliability":
+        return (
+            f"{topic}: a publisher is best_effort (expected reliable), its messages are not "
+            "received; publish reliable, or set qos.reliability: best_effort"
+        )
+    if is_input:
+        return (
+            f"{topic}: a publisher's QoS is incompatible ({policy}), its messages are not "
+            f"received; publish reliable, volatile, keep last {DEPTH}"
+        )
+    return (
+        f"{topic}: a subscription's QoS is incompatible ({policy}), it receives nothing; request "
+        f"no more than reliable, volatile, keep last {DEPTH}"
+    )
+
+
+def are_compatible(publisher: QoSProfile, subscription: QoSProfile) -> bool:
+    """Whether messages pass from a publisher to a subscription."""
+    compatibility, _ = qos_check_compatible(publisher, subscription)
+    return bool(compatibility != QoSCompatibility.ERROR)
 
 
 def _policy(event: Any) -> str:

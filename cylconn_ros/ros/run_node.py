@@ -1,12 +1,19 @@
-"""Run one node in a process: arguments, signals, spinning, exit code."""
+"""Run one node in a process: arguments, signals, spinning, exit code.
+
+A process ends within _ENDING s of a signal, even if the middleware or a callback hangs.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import faulthandler
 import gc
+import os
+import resource
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -28,7 +35,9 @@ from cylconn_ros.ros.arguments import Arguments, UsageError, read_arguments
 from cylconn_ros.ros.middleware import use_default_profile
 
 OK, FAILED, WRONG_USE = 0, 1, 2
-_TEARDOWN = 30.0  # s, limit of the middleware's shutdown, which normally takes milliseconds
+_ENDING = 3.0  # s from the signal to the end of the process; ros2 launch sends SIGTERM after 5 s
+_DESCRIPTORS = 40  # file descriptors that a node with one connector needs while it starts
+_is_ending = threading.Event()
 
 
 class ManagedNode(Protocol):
@@ -46,15 +55,17 @@ class ManagedNode(Protocol):
 def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str] | None) -> int:
     """Run the node returned by ``make`` until it is done or a signal arrives; return the exit code.
 
-    Exit code 2, with a one-line message, for invalid arguments or parameters; 130 if interrupted
-    while compiling.
+    Exit code 2, with a one-line message, for invalid arguments or parameters; 1 for too few file
+    descriptors, or if the shutdown hangs; 130 if interrupted while compiling.
     """
+    _open_standard_streams()
     try:
         with interruptible(name, (signal.SIGINT, signal.SIGTERM)):
             arguments = read_arguments(sys.argv[1:] if argv is None else argv, name)
             if arguments.help or arguments.version:
                 print(usage if arguments.help else __version__)
                 return OK
+            _check_descriptors()
             return _run(make, arguments)
     except KeyboardInterrupt:
         return OK
@@ -64,6 +75,39 @@ def run(name: str, make: Callable[[Arguments], Node], usage: str, argv: list[str
     except NameValidationException as error:
         print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
         return WRONG_USE
+    except OSError as error:
+        if error.errno not in (errno.EMFILE, errno.ENFILE):
+            raise
+        print(f"{name}: {_too_few_descriptors()}", file=sys.stderr)
+        return FAILED
+
+
+def _open_standard_streams() -> None:
+    """Open /dev/null in place of a closed standard stream (as after ``2>&-`` in a shell).
+
+    Otherwise the next file or socket gets its number, and log messages are written into it.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
+
+
+def _check_descriptors() -> None:
+    """Raise OSError (EMFILE) if fewer than _DESCRIPTORS file descriptors are allowed."""
+    if 0 <= resource.getrlimit(resource.RLIMIT_NOFILE)[0] < _DESCRIPTORS:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+
+def _too_few_descriptors() -> str:
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return (
+        f"too few file descriptors: the limit is {limit}, a node needs at least {_DESCRIPTORS}; "
+        "raise it (ulimit -n 1024)"
+    )
 
 
 def _run(make: Callable[[Arguments], Node], arguments: Arguments) -> int:
@@ -77,7 +121,7 @@ def _run(make: Callable[[Arguments], Node], arguments: Arguments) -> int:
 def announce_compiling(kernel: Callable[..., Any], log: Callable[[str], object]) -> None:
     """Log one line if the first call of ``kernel`` will compile it."""
     if not is_ready(kernel):
-        log("compiling the physics, once: takes half a minute or more; later starts use the cache")
+        log("compiling the physics, once: takes some seconds; later starts use the cache")
 
 
 @contextlib.contextmanager
@@ -91,24 +135,28 @@ def _context(arguments: Arguments) -> Iterator[None]:
     try:
         yield
     finally:
-        with _limited_teardown():
-            rclpy.try_shutdown()
+        _limit_ending()
+        rclpy.try_shutdown()
+        _has_ended()
 
 
-@contextlib.contextmanager
-def _limited_teardown() -> Iterator[None]:
-    """Exit the process if the middleware's shutdown hangs within the block.
+def _limit_ending() -> None:
+    """Exit the process _ENDING s after the first call, unless :func:`_has_ended` is called before.
 
     The exit code is 1; the stack of every thread is written to stderr. Fast DDS may deadlock if
     peers leave while a topic is destroyed (its issues 6193 and 6502). A Python thread could not
     detect this, because the hanging thread may hold the GIL.
     """
-    with contextlib.suppress(AttributeError, OSError, RuntimeError, ValueError):  # no stderr
-        faulthandler.dump_traceback_later(_TEARDOWN, exit=True)
-    try:
-        yield
-    finally:
-        faulthandler.cancel_dump_traceback_later()
+    if not _is_ending.is_set():
+        _is_ending.set()
+        with contextlib.suppress(AttributeError, OSError, RuntimeError, ValueError):  # no stderr
+            faulthandler.dump_traceback_later(_ENDING, exit=True)
+
+
+def _has_ended() -> None:
+    """Cancel the exit of :func:`_limit_ending`."""
+    _is_ending.clear()
+    faulthandler.cancel_dump_traceback_later()
 
 
 def _spin(executor: Any, node: ManagedNode) -> None:
@@ -137,6 +185,7 @@ def _spin_until_done(node: Node) -> int:
 
     def stop(_signal: int, _frame: object) -> None:
         if not done.done():
+            _limit_ending()  # a callback that is running may hang, too
             done.set_result(OK)
 
     previous = {s: signal.signal(s, stop) for s in _termination_signals()}
@@ -150,11 +199,11 @@ def _spin_until_done(node: Node) -> int:
     finally:
         for s in previous:  # Ctrl-C may arrive twice: to the process group, and from the launcher
             signal.signal(s, signal.SIG_IGN)
+        _limit_ending()
         executor.remove_node(node)
         node.finish()
-        with _limited_teardown():
-            node.destroy_node()
-            executor.shutdown()
+        node.destroy_node()
+        executor.shutdown()
         for s, handler in previous.items():
             signal.signal(s, handler)
     return done.result() if done.done() else OK

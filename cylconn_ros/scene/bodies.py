@@ -221,6 +221,17 @@ class PlantSettings:
         read_only=True,
         doc="Maximum wait for a wrench in lock step, on the wall clock.",
     )
+    latency: float = parameter(
+        NAN,
+        ge=0.0,
+        unit="samples",
+        read_only=True,
+        shared="coupled",
+        doc="Simulated delay: the wrench of a sample acts this number of periods after the "
+        "sample's stamp, zero before the first; fractions are allowed. .nan: the delay that the "
+        "parameter latency states, and none if it is 0 or -1. Another value than latency states is "
+        "a delay of which the connector is not told.",
+    )
     progress: bool = parameter(
         False, read_only=True, doc="Print lines 'progress DONE TOTAL' on standard output."
     )

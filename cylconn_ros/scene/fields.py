@@ -9,6 +9,7 @@ there. SI units, radians, quaternions x, y, z, w.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, cast
 
 from cylconn_ros.methods.traits import TRAITS
@@ -24,7 +25,7 @@ from cylconn_ros.scene.behaviour import (
 )
 from cylconn_ros.scene.bodies import Body, Node, PlantSettings, Reference
 from cylconn_ros.scene.inputs import MODES
-from cylconn_ros.scene.outputs import Limits, Record, Wrench
+from cylconn_ros.scene.outputs import Limits, QualityOfService, Record, Wrench
 from cylconn_ros.scene.schema import Parameter, Value, describe, group, parameter
 
 
@@ -61,6 +62,15 @@ class SceneFields:
         "deflection. observe: no wrench is sent; forces and friction of the measured motion. "
         "minimal: offline simulation in joint coordinates.",
     )
+    constraint: str = parameter(
+        "connector",
+        choices=("connector", "simulator"),
+        restarts=True,
+        shared="coupled",
+        doc="connector: the wrenches keep slot and revolute. simulator: a joint of the simulator "
+        "keeps them; only what acts on slide and spin is sent (friction, stops, springs, dampers, "
+        "drives, locks). The method must be impulse.",
+    )
     tolerance: float = parameter(
         0.0,
         ge=0.0,
@@ -69,12 +79,12 @@ class SceneFields:
         "`cylconn simulate` with the methods auto and minimal; 0: none stated.",
     )
     latency: int = parameter(
-        0,
+        -1,
         ge=-1,
         unit="samples",
         restarts=True,
         shared="coupled",
-        doc="Number of samples between a sample and the action of its wrench; -1: estimated.",
+        doc="Number of samples between a sample and the action of its wrench; -1: measured.",
     )
     plant_integration: str = parameter(
         "exact",
@@ -137,6 +147,7 @@ class SceneFields:
     penalty: Penalty = group(Penalty)
     baumgarte: Baumgarte = group(Baumgarte)
     limits: Limits = group(Limits)
+    qos: QualityOfService = group(QualityOfService)
     record: Record = group(Record)
     markers: bool = parameter(
         False, read_only=True, doc="Publish ~/markers: shaft, sleeve and force, for RViz."
@@ -157,6 +168,12 @@ class SceneFields:
     def bodies(self) -> tuple[Body, Body]:
         """Body A and body B."""
         return self.body_a, self.body_b
+
+    @property
+    def plant_latency(self) -> float:
+        """Periods between a sample and the action of its wrench in the plant (plant.latency)."""
+        given = self.plant.latency
+        return float(max(self.latency, 0)) if math.isnan(given) else given
 
     def initial_pose(self, index: int) -> tuple[float, ...]:
         """(7,) initial pose of body A (0) or B (1) in the plant, in the world frame."""

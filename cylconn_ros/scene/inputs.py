@@ -71,6 +71,9 @@ INPUTS: Final = (
 )  # fmt: skip
 """All input types; of one mode, those with a pose first."""
 
+LOAD: Final = next(kind for kind in INPUTS if not kind.carries_motion)
+"""The input type of external loads."""
+
 MODES: Final = tuple(dict.fromkeys(kind.mode for kind in INPUTS if kind.mode))
 """Values of the parameter ``input``."""
 

@@ -1,4 +1,4 @@
-"""Parameter groups of the outputs: wrenches, their limits, and recording.
+"""Parameter groups of inputs and outputs: wrenches, their limits, QoS, and recording.
 
 SI units, radians, quaternions x, y, z, w. Rules between parameters: validation.py.
 """
@@ -50,6 +50,26 @@ class Limits:
 
     force: float = parameter(INF, gt=0.0, unit="N", doc="Maximum published force.")
     torque: float = parameter(INF, gt=0.0, unit="N.m", doc="Maximum published torque.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class QualityOfService:
+    """Quality of service of the node's inputs.
+
+    Example::
+
+        scene = scene.replace({"qos.reliability": "best_effort"})
+    """
+
+    reliability: str = parameter(
+        "reliable",
+        choices=("reliable", "best_effort"),
+        read_only=True,
+        node=True,
+        doc="Of the inputs. reliable: no message is lost; best_effort publishers (sensor data QoS) "
+        "are not received. best_effort: publishers of both kinds are received, messages may be "
+        "lost. qos_overrides has priority.",
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -33,9 +33,10 @@ def step_tolerance(tolerance: float) -> float:
 def pack(scene: Scene, *, plant: bool = False) -> Array:
     """The parameter array of ``scene``, laid out as in :mod:`cylconn_ros.core.model`.
 
-    A plant knows the inertia of every body that it moves, also where the connector does not.
+    ``plant``: for the plant, which knows the inertia of every body that it moves, also of a body
+    whose inertia is unknown to the connector.
 
-    Raises :class:`SceneError` for what the chosen method needs and the scene does not give.
+    Raises :class:`SceneError` if the scene lacks a parameter that the method needs.
     """
     law, table = _friction(scene.friction)
     par = np.zeros(model.TABLE + len(table))
@@ -94,14 +95,17 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         at = model.COMMAND + 3 * k
         par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
     par[model.REST_RATE] = scene.friction.rest_rate
-    par[model.LATENCY] = 0.0 if plant else scene.latency
+    par[model.LATENCY] = 0.0 if plant else _latency(scene)
+    if scene.constraint == "simulator" and not plant:
+        par[model.CONSTRAINT] = 1.0 if scene.latency >= 0 else 2.0
+        par[model.LATENCY] = max(scene.latency, 0)
     par[model.TOLERANCE] = step_tolerance(scene.tolerance)
     par[model.TABLE :] = table
     return par
 
 
 def _from_com(node: Node, body: Body) -> Array:
-    """The node from its body's mass centre; a body of infinite inertia is taken at its origin."""
+    """The node relative to its body's mass centre; for infinite inertia, to the body's origin."""
     return np.array(node.position) - np.array(_com(body))
 
 
@@ -119,8 +123,18 @@ def _body(body: Body, plant: bool) -> list[float]:
     return [1.0, body.mass, 1.0 / body.mass, *body.com, *body.inertia, *map(float, inverse)]
 
 
+def _latency(scene: Scene) -> float:
+    """The latency, MEASURED, or ADAPTED if it cannot be measured; 0 if no wrench is sent."""
+    if scene.latency >= 0:
+        return float(scene.latency)
+    if not TRAITS[choose_method(scene)].sends_wrench:
+        return 0.0
+    unknown = "unknown" in (scene.body_a.kind, scene.body_b.kind)
+    return model.ADAPTED if unknown else model.MEASURED
+
+
 def _stops(scene: Scene) -> list[float]:
-    """Bounds of length and angle, infinite where there is none, and the restitution."""
+    """Stops of length and angle, infinite if there is none, and the restitution."""
     stops = scene.stops
     low = [-math.inf if math.isnan(x) else x for x in (stops.l_min, stops.theta_min)]
     high = [math.inf if math.isnan(x) else x for x in (stops.l_max, stops.theta_max)]
@@ -145,7 +159,7 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
 
 
 def _penalty(scene: Scene, method: str) -> list[float]:
-    """Gains: stiffness and damping of offsets and swings, of the elastic stick."""
+    """Gains: stiffness and damping of the offsets, the misalignment and the elastic stick."""
     gains, given = scene.penalty, scene.friction
     for name in ("stiffness", "damping"):
         if math.isnan(getattr(gains, name)):
@@ -175,7 +189,8 @@ def _penalty(scene: Scene, method: str) -> list[float]:
     stick_damping = gains.damping * stick / gains.stiffness
     # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the
     # spring's goes with the square, to keep the ratio of damping.
-    lag = 1.0 + 2.0 * scene.latency if "unknown" in (scene.body_a.kind, scene.body_b.kind) else 1.0
+    unknown = "unknown" in (scene.body_a.kind, scene.body_b.kind)
+    lag = 1.0 + 2.0 * max(scene.latency, 0) if unknown else 1.0
     return [
         gains.stiffness / lag**2,
         swing / lag**2,

@@ -107,8 +107,12 @@ def _solvable(
                 f"{show(scene.tolerance)}: must be impulse and 0.0, as {', '.join(names)} share "
                 "bodies and are solved together"
             )
-        if scene.latency != 0:
-            raise SceneError(f"{name}.latency = {scene.latency}: must be 0, as {why}")
+        if scene.latency > 0:
+            raise SceneError(f"{name}.latency = {scene.latency}: must be 0 or -1, as {why}")
+        if scene.plant_latency > 0.0:
+            raise SceneError(
+                f"{name}.plant.latency = {show(scene.plant.latency)}: must be 0, as {why}"
+            )
         for parameter, rules in schema().items():
             if rules.shared == "coupled":
                 _same(values, (names[0], 0), (name, 0), parameter, why)

@@ -20,6 +20,8 @@ from cylconn_ros.scene.schema import show
 BOUNDS = ("stops.", "lock.", "command.slide.position", "command.slide.velocity",
           "command.spin.position", "command.spin.velocity")  # fmt: skip
 
+GREATEST_DELAY = 1000  # samples that a plant delays wrenches at most: it keeps them all
+
 
 def check(scene: SceneFields) -> None:
     """Raise :class:`SceneError` if parameters contradict each other or physics."""
@@ -32,6 +34,7 @@ def check(scene: SceneFields) -> None:
     _check_tolerance(scene)
     _check_observe(scene)
     _check_served(scene)
+    _check_constraint(scene)
     if scene.period > 0.0 and scene.stamp_tolerance >= 0.5 * scene.period:
         raise SceneError(
             f"stamp_tolerance = {show(scene.stamp_tolerance)}: must be less than half the period "
@@ -64,10 +67,23 @@ def _check_observe(scene: SceneFields) -> None:
             f"method = {show(scene.method)}: needs mass and inertia of a body (kind free) to "
             "compute forces from its motion"
         )
-    if scene.latency != 0:
+    if scene.latency > 0:
         raise SceneError(
-            f"latency = {scene.latency}: must be 0 for {scene.method}, which sends no wrench"
+            f"latency = {scene.latency}: must be 0 or -1 for {scene.method}, which sends no wrench"
         )
+
+
+def _check_constraint(scene: SceneFields) -> None:
+    """Friction needs the reactions of the step, which only a solved step has without violations."""
+    if scene.constraint == "connector":
+        return
+    rule = f"constraint = {show(scene.constraint)}: needs the method impulse, which computes the "
+    rule += "reactions of the simulator's joint from mass and inertia"
+    for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
+        if body.kind == "unknown":
+            raise SceneError(f"{rule}; {name}.kind is unknown")
+    if scene.method not in ("auto", "impulse", "minimal"):
+        raise SceneError(f"{rule}; method is {scene.method}")
 
 
 def _check_tolerance(scene: SceneFields) -> None:
@@ -92,11 +108,9 @@ def _check_latency(scene: SceneFields) -> None:
             f"latency = {scene.latency}: must be at most {layout.MAX_LATENCY} samples; "
             "a longer delay needs a longer period"
         )
-    unknown = [body.frame for body in scene.bodies if body.kind == "unknown"]
-    if scene.latency < 0 and unknown:
+    if scene.plant.latency > GREATEST_DELAY:  # False if it is not given
         raise SceneError(
-            f"latency = -1: cannot be estimated with a body of unknown inertia ({unknown[0]}); "
-            "give the number of samples, or mass and inertia"
+            f"plant.latency = {show(scene.plant.latency)}: must be at most {GREATEST_DELAY} samples"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,22 +24,27 @@ _BLOCK = 2048  # samples per compiled call, between two calls of the progress fu
 
 @parallel_kernel
 def run_loop(
-    method: int,
+    handle: Any,
     par: Array,
     mem: Array,
     period: float,
     plant_par: Array,
     state: Array,
     loads: Array,
+    delay: float,
+    sent: Array,
+    acting: Array,
     samples: Array,
     outs: Array,
     energy: Array,
 ) -> None:
-    """Run N periods; ``mem`` and ``state`` (26,) are advanced.
+    """Run N periods; ``mem``, ``state`` (26,), ``sent`` and ``acting`` are advanced.
 
     Args:
-        method, par, mem, period: of the connector (Connector.kernel_arguments).
+        handle, par, mem, period: of the connector (Connector.kernel_arguments).
         plant_par: parameter array of the plant. loads: (12,) external loads on A and B.
+        delay, sent, acting: periods between a sample and the action of its wrench, the wrenches
+            sent and those that act (core/plant.py, step_late).
         samples: (N, NSAMPLE), outs: (N, NOUT), energy: (N,) J: written.
     """
     for k in range(samples.shape[0]):
@@ -48,22 +54,35 @@ def run_loop(
         for i in range(12):
             samples[k, 26 + i] = loads[i]
         out = outs[k]
-        batch.process(method, par, mem, samples[k], 0.0, period, out)
-        plant.step(plant_par, state, out[0:6], out[6:12], loads, period)
+        batch.process(handle, par, mem, samples[k], 0.0, period, out)
+        if delay == 0.0:
+            plant.step(plant_par, state, out[0:6], out[6:12], loads, period)
+            continue
+        for i in range(sent.shape[0] - 1, 0, -1):
+            for j in range(12):
+                sent[i, j] = sent[i - 1, j]
+        for j in range(12):
+            sent[0, j] = out[j]
+        plant.step_late(plant_par, state, sent, acting, loads, delay, period)
 
 
 def closed_loop(scene: Scene, samples: int, progress: Progress | None = None) -> Run:
-    """Run plant and connector in lock step for ``samples`` samples; see simulate()."""
+    """Run plant and connector in lock step for ``samples`` samples; see simulate().
+
+    The plant delays the wrenches by ``plant.latency``.
+    """
     bodies, connector = Plant(scene), Connector(scene)
-    method, par, mem, period = connector.kernel_arguments()
+    handle, par, mem, period = connector.kernel_arguments()
     rows = np.empty((samples, layout.NSAMPLE))
     outs = np.empty((samples, layout.NOUT))
     energy = np.empty(samples)
+    delay = scene.plant_latency
+    sent, acting = np.zeros((int(delay) + 1, 12)), np.zeros(12)
     for first in range(0, samples, _BLOCK):
         part = slice(first, min(first + _BLOCK, samples))
         run_loop(
-            method, par, mem, period, bodies.par, bodies.state, bodies.loads,
-            rows[part], outs[part], energy[part],
+            handle, par, mem, period, bodies.par, bodies.state, bodies.loads,
+            delay, sent, acting, rows[part], outs[part], energy[part],
         )  # fmt: skip
         if progress is not None:
             progress(part.stop, samples)

@@ -28,7 +28,7 @@ class Plant:
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
         par: parameter array (core/model.py).
         loads: (12,) external loads on A and B as in a sample, held until changed.
-        time_ns: simulated time.
+        time_ns: simulated time. steps: periods since the start. period_ns: of one period.
 
     Raises :class:`SceneError` if the scene has no period, or a body without mass and inertia.
     """
@@ -36,6 +36,11 @@ class Plant:
     def __init__(self, scene: Scene) -> None:
         if scene.period <= 0.0:
             raise SceneError("period = 0.0: must be > 0 s for a plant, which creates the stamps")
+        if scene.constraint == "simulator" and scene.method != "minimal":
+            raise SceneError(
+                "constraint = 'simulator': the bodies of the plant have no joint; use a simulator "
+                "that has one, the constraint 'connector', or the method minimal"
+            )
         for name, body in (("body_a", scene.body_a), ("body_b", scene.body_b)):
             if body.kind == "unknown" and (math.isnan(body.mass) or not body.inertia):
                 raise SceneError(
@@ -44,8 +49,8 @@ class Plant:
                 )
         self.scene = scene
         self.par = pack(scene, plant=True)
-        self._period_ns = round(scene.period * 1e9)
-        self._steps = 0
+        self.period_ns = round(scene.period * 1e9)
+        self.steps = 0
         self.loads = np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
         self.state = np.concatenate(
             [
@@ -57,17 +62,17 @@ class Plant:
     @property
     def time_ns(self) -> int:
         """Simulated time, ns."""
-        return self._steps * self._period_ns
+        return self.steps * self.period_ns
 
     def step(self, wrench_a: Array, wrench_b: Array) -> None:
         """Advance one period under wrenches as published: (6,) force, torque each."""
         plant.step(self.par, self.state, wrench_a, wrench_b, self.loads, self.scene.period)
-        self._steps += 1
+        self.steps += 1
 
     def move(self, state: Array, steps: int) -> None:
         """Set the state (26,) after ``steps`` periods."""
         self.state[:] = state
-        self._steps = steps
+        self.steps = steps
 
     def energy(self) -> float:
         """Kinetic and gravitational energy of both bodies, J."""

@@ -39,6 +39,8 @@ def simulate(
 ) -> Run:
     """Simulate the scene with its plant and connector in lock step.
 
+    Wrenches act late as ``plant.latency`` says (by default as ``latency`` if that is > 0).
+
     Args:
         duration: s, by default the scene's ``plant.duration``. The run includes the state at its
             end: ``duration / period + 1`` samples, rounded to whole periods.
@@ -61,9 +63,16 @@ def simulate(
         samples = samples_of(scene, duration)
     elif duration is not None:
         raise ValueError(f"samples = {samples}: must not be given together with duration")
+    to_tolerance = scene.tolerance > 0.0 and scene.method == "auto"
+    if (choose_method(scene) not in LIVE or to_tolerance) and scene.plant_latency > 0.0:
+        name = "latency" if math.isnan(scene.plant.latency) else "plant.latency"
+        raise SceneError(
+            f"{name} = {show(scene.plant_latency)}: must be 0 for a motion that is computed "
+            "without wrenches (the method minimal, or a tolerance); remove it, or use impulse"
+        )
     if choose_method(scene) not in LIVE:
         return _along(scene, offline(scene, samples), samples, progress)
-    if scene.tolerance > 0.0 and scene.method == "auto":
+    if to_tolerance:
         return _along(scene, motion(scene, samples), samples, progress)
     return closed_loop(scene, samples, progress)
 

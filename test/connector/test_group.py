@@ -275,6 +275,7 @@ def test_what_cannot_be_used_gives_no_wrench_to_anybody_and_is_forgiven():
          "shaft"),
         ({"at1": {"period": 0.002}}, "at0.period = 0.001, at1.period = 0.002: must be the same"),
         ({"latency": 2}, "at0.latency = 2: must be 0"),
+        ({"plant": {"latency": 1.5}}, "at0.plant.latency = 1.5: must be 0"),
         ({"method": "baumgarte"}, "at0.method = 'baumgarte'"),
         ({"body_b": {"kind": "unknown", "frame": "shaft"}, "method": "penalty"},
          "at0.body_b.kind = 'unknown'"),

@@ -59,8 +59,8 @@ def test_every_number_is_written_to_its_index():
     m.pose(0, 1, "", numbers[0:7])
     m.twist(0, 1, "", numbers[7:13])
     m.pose(1, 1, "", numbers[13:20])
-    m.load(0, "world", [30.0, 31.0, 32.0, 33.0, 34.0, 35.0])
-    m.load(1, "world", [40.0, 41.0, 42.0, 43.0, 44.0, 45.0])
+    m.load(0, 0, "world", [30.0, 31.0, 32.0, 33.0, 34.0, 35.0])
+    m.load(1, 0, "world", [40.0, 41.0, 42.0, 43.0, 44.0, 45.0])
     m.twist(1, 1, "", numbers[20:26])
     assert m.sample[layout.MOTION].tolist() == numbers
     assert m.sample[layout.A_LOAD : layout.A_LOAD + 6].tolist() == list(range(30, 36))
@@ -218,11 +218,15 @@ def test_without_tolerance_a_nanosecond_is_another_sample():
         ("", "body", True, 0),
         ("odom", "world", False, 1),
         ("body_a", "body", True, 1),  # the other body's frame is not accepted
+        ("/world", "body", False, 0),  # a leading slash changes nothing
+        ("/body_b", "world", True, 0),
+        ("/", "world", False, 0),
+        ("/odom", "world", False, 1),
     ],
 )
 def test_the_frame_states_the_axes_of_twist_and_load(frame, default, turned, unknown):
     m = matcher(twist_axes=default)
-    m.load(1, frame, TWIST)
+    m.load(1, 0, frame, TWIST)
     m.pose(1, 5, "world", (*POSE[:3], *QUARTER))
     m.twist(1, 5, frame, TWIST)
     expected = TURNED if turned else TWIST
@@ -234,21 +238,31 @@ def test_the_frame_states_the_axes_of_twist_and_load(frame, default, turned, unk
 
 def test_a_load_in_body_axes_rotates_with_the_body_until_the_next():
     m = matcher()
-    m.load(1, "body_b", TWIST)
+    m.load(1, 0, "body_b", TWIST)
     send(m, 1 * MS)
     assert m.sample[layout.B_LOAD : layout.B_LOAD + 6].tolist() == pytest.approx(TWIST)
     m.pose(1, 2 * MS, "world", (*POSE[:3], *QUARTER))
     m.twist(1, 2 * MS, "world", TWIST)
     assert m.sample[layout.B_LOAD : layout.B_LOAD + 6].tolist() == pytest.approx(TURNED)
-    m.load(1, "world", (0.0,) * 6)
+    m.load(1, 0, "world", (0.0,) * 6)
     send(m, 3 * MS)
     assert not m.sample[layout.B_LOAD : layout.B_LOAD + 6].any()
 
 
 def test_a_pose_in_an_unknown_frame_is_counted():
     m = matcher()
-    m.pose(1, 5, "map", POSE)
-    assert counted(m, unknown_frames=1)
+    m.pose(1, 5, "/world", POSE)
+    assert m.counts.unknown_frames == 0
+    m.pose(1, 6, "map", POSE)
+    assert m.counts.unknown_frames == 1
+
+
+def test_a_leading_slash_in_the_parameters_changes_nothing():
+    m = matcher(world_frame="/world", body_b__frame="/body_b")
+    m.pose(1, 5, "world", (*POSE[:3], *QUARTER))
+    m.twist(1, 5, "body_b", TWIST)
+    assert m.counts.unknown_frames == 0
+    assert m.sample[layout.B_TWIST : layout.B_TWIST + 6].tolist() == pytest.approx(TURNED)
 
 
 def test_odometry_carries_pose_and_twist_with_the_twist_in_the_child_frame():

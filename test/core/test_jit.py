@@ -170,6 +170,9 @@ def test_the_cache_falls_back_to_the_temporary_directory(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     assert Path(jit.cache_directory()).parent.parent == tmp_path
     monkeypatch.setattr(tempfile, "tempdir", str(file))
+    monkeypatch.setattr(jit, "_SHARED_MEMORY", str(tmp_path / "shm"))
+    assert Path(jit.cache_directory()).parent.parent == tmp_path / "shm"
+    monkeypatch.setattr(jit, "_SHARED_MEMORY", str(file))
     assert jit.cache_directory() == ""
 
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scenes import bundled
 
+from cylconn_ros.bench.faults import free_running
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
 from cylconn_ros.reference.library import LIBRARY
@@ -121,9 +122,100 @@ def test_the_latency_is_measured() -> None:
     scene = short("demo")
     for late in (0, 1, 2, 4, 8):
         run = through(scene, late, 400, -1, 0.1)
-        assert run.connector.memory[model.MEASURED_LATENCY] == late
-    changed = through(scene, 3, 300, -1).connector
-    assert changed.memory[model.MEASURED_LATENCY] == 3.0
+        assert run.connector.latency == pytest.approx(late, abs=0.05)
+    for late in (0, 3):
+        exact = through(scene, late, 300, -1).connector
+        assert exact.latency == pytest.approx(late, abs=0.01)
+
+
+@pytest.mark.parametrize("lag", [0.3, 0.7, 1.0, 2.5, 5.2])
+@pytest.mark.parametrize("name", ["demo", "drawer_slide", "free_flight"])
+def test_a_fraction_of_a_period_is_measured(name: str, lag: float) -> None:
+    scene = dataclasses.replace(short(name), period=0.002, tolerance=0.0)
+    found = free_running.run(scene, free_running.Lag(lag))
+    assert found.latency == pytest.approx(lag, abs=0.05)
+    assert found.spread < 0.25
+
+
+@pytest.mark.parametrize("integration", ["exact", "semi_implicit"])
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_in_lock_step_measuring_changes_no_bit(name: str, integration: str) -> None:
+    """Wrenches, state fields and flags are those of ``latency: 0``."""
+    scene = dataclasses.replace(short(name), plant_integration=integration, tolerance=0.0)
+    plant, told = Plant(scene), Connector(dataclasses.replace(scene, latency=0))
+    measured = Connector(dataclasses.replace(scene, latency=-1))
+    sample = np.zeros(layout.NSAMPLE)
+    for _ in range(200):
+        sample[layout.MOTION], sample[layout.LOADS] = plant.state, plant.loads
+        out = told.step(sample)
+        np.testing.assert_array_equal(measured.step(sample), out)
+        plant.step(out[layout.FORCE_A : layout.FORCE_B], out[layout.FORCE_B : layout.STATE0])
+    assert measured.latency == 0.0
+
+
+@pytest.mark.parametrize("kind", ["constant", "jitter"])
+@pytest.mark.parametrize("lag", [0.0, 0.3, 1.0, 2.5, 5.0])
+@pytest.mark.parametrize("name", ["drawer_slide", "incline", "telescopic_strut"])
+def test_a_free_running_plant_is_held(name: str, lag: float, kind: str) -> None:
+    """Nothing declared: offset, angle, force and energy stay within their limits."""
+    scene = dataclasses.replace(short(name), period=0.002, tolerance=0.0)
+    late = free_running.Lag(lag, kind)
+    motion, exact = free_running.run(scene, late), free_running.run(scene, None)
+    assert free_running.failures(scene, exact, motion, late) == []
+
+
+def test_the_limits_of_a_free_running_plant_are_exceeded_without_compensation() -> None:
+    scene = dataclasses.replace(short("demo"), period=0.002, tolerance=0.0)
+    exact, late = free_running.run(scene, None), free_running.Lag(1.0)
+    fallen = free_running.Motion(1.0, 1.0, 1e3 * exact.force, 1e3, 1.0)
+    reasons = free_running.failures(scene, exact, fallen, late)
+    assert reasons == ["offset", "angle", "force", "energy"]
+    assert free_running.failures(scene, exact, free_running.Motion(), late) == ["not finite"]
+
+
+def test_a_push_one_sample_late_costs_little_more_than_declared() -> None:
+    """A drawer at rest, pushed beside its rail; the latency is not declared, the load is known."""
+    settings = bundled("drawer_slide").parameters() | {
+        "period": 0.002, "plant_integration": "semi_implicit", "method": "auto",
+    }  # fmt: skip
+    worst = []
+    for latency in (1, -1):
+        scene = Scene.from_parameters(settings | {"latency": latency})
+        plant, connector = Plant(scene), Connector(scene)
+        sample, torque, angle = np.zeros(layout.NSAMPLE), 0.0, 0.0
+        acts: np.ndarray = np.zeros(12)
+        for k in range(700):
+            load = plant.loads
+            load[6], load[10] = (5.0, 0.25) if 250 <= k < 500 else (0.0, 0.0)
+            sample[layout.MOTION], sample[layout.LOADS] = plant.state, load
+            out = connector.step(sample)
+            if k > 200:
+                torque = max(torque, float(np.linalg.norm(out[layout.TORQUE_B : layout.STATE0])))
+                angle = max(angle, float(out[layout.ANGULAR_VIOLATION]))
+            if k > 0:  # held until the first wrench acts
+                plant.step(acts[:6], acts[6:])
+            acts = out[: layout.STATE0].copy()
+        worst.append((torque, angle))
+    assert worst[1][0] < 2.0 * worst[0][0]
+    assert worst[1][1] < 2.0 * worst[0][1] + 1e-9
+
+
+@pytest.mark.parametrize("late", [0, 3])
+def test_unknown_inertia_lowers_the_gains_that_put_in_energy(late: int) -> None:
+    """With gains that are stable in lock step only; nothing is declared."""
+    settings = bundled("demo").parameters()
+    settings |= {
+        "body_b.kind": "unknown", "penalty.stiffness": 2e5, "penalty.damping": 400.0,
+        "method": "penalty", "latency": -1,
+    }  # fmt: skip
+    scene = Scene.from_parameters(settings)
+    run = through(scene, late, 400, -1)
+    assert np.isfinite(run.outs[:, : layout.REGIME]).all()
+    assert run.offset.max() < 0.01
+    lowered = run.outs[:, layout.FLAGS].astype(int) & layout.GAINS_LOWERED
+    assert bool(lowered.any()) == (late > 0)
+    if late:
+        assert not np.nanmax(through(scene, late, 400, 0).offset) < 1.0
 
 
 def test_the_reported_kinematics_are_those_of_the_sample() -> None:
@@ -166,3 +258,24 @@ def test_the_memory_includes_the_sent_wrenches() -> None:
     connector.memory = memory
     np.testing.assert_array_equal(connector.step(sample), first)
     assert not math.isclose(connector.step(sample)[layout.FORCE_B], first[layout.FORCE_B])
+
+
+@pytest.mark.parametrize("start", [0, 50])
+def test_a_load_that_arrives_late_is_no_latency(start: int) -> None:
+    """Lock step, a load alternates every 20 samples, and is known one sample late twice."""
+    scene = dataclasses.replace(short("demo"), tolerance=0.0)
+    plant, connectors = Plant(scene), []
+    for latency in (0, -1):
+        connectors.append(Connector(dataclasses.replace(scene, latency=latency)))
+    sample, known = np.zeros(layout.NSAMPLE), plant.loads.copy()
+    for k in range(start + 160):
+        if k % 20 == 0:
+            plant.loads[6:9] = 2.0 * math.cos(k), 1.0, math.sin(k)
+        if k not in (start + 20, start + 40):
+            known = plant.loads.copy()
+        sample[layout.MOTION], sample[layout.LOADS] = plant.state, known
+        told, measured = (connector.step(sample).copy() for connector in connectors)
+        if start or k > 120:
+            np.testing.assert_allclose(measured[:12], told[:12], atol=1e-9)
+        plant.step(measured[:6], measured[6:12])
+    assert connectors[1].latency == connectors[1].latency_spread == 0.0

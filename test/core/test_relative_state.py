@@ -134,6 +134,6 @@ def test_latency_is_measured_if_samples_are_lost(late: int) -> None:
         way.append(last)
         acts = way.pop(0)
         plant.step(acts[:6], acts[6:])
-    assert found[10] == late
+    assert found[10] == pytest.approx(late, abs=0.1)
     change = np.array(energy) - energy[0]
     np.testing.assert_allclose(balance, change, atol=5e-3 * np.ptp(change) + 1e-6)

@@ -147,7 +147,7 @@ complementarity.solve_disc = lambda law, par, d, was_stick: solve(law, par, d, T
     ),
     "stops reached half a step late": (
         """
-joint_limits._contact_rate = lambda gap, w, h, pull, explicit: min(-gap / h, pull)
+joint_limits._contact_rate = lambda gap, w, h, pull, explicit, alpha: min(-gap / h, pull)
 """,
         "stops",
     ),

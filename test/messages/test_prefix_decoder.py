@@ -14,6 +14,7 @@ import pytest
 from pipelines import MS, Loop, make
 from ros_processes import Listener, Source, parameters, program
 
+from cylconn_ros.connector.load_history import IF_REGULAR
 from cylconn_ros.core import layout
 from cylconn_ros.messages import cdr_decoder, prefix, statistics
 from cylconn_ros.messages.cdr_encoder import OdometryWriter, StampedWriter
@@ -36,7 +37,10 @@ def messages(
 ) -> list[tuple[str, bytes]]:
     """Messages of ``count`` samples with transport faults, other frames and damaged bytes."""
     found: list[tuple[str, bytes]] = []
-    frames = {"pose": ["world"] * 30 + ["", "map"], "twist": ["world"] * 30 + ["", "body_b", "x"]}
+    frames = {
+        "pose": ["world"] * 30 + ["", "map", "/world"],
+        "twist": ["world"] * 30 + ["", "body_b", "x", "/body_b", "/"],
+    }
     children = ["body_b"] * 30 + ["world", "", "x"]
     stamp = 0
     for _ in range(count):
@@ -68,6 +72,29 @@ def messages(
     return found
 
 
+def with_loads(
+    rng: random.Random, stream: list[tuple[str, bytes]], everywhere: bool
+) -> list[tuple[str, bytes]]:
+    """Add a load with the stamp of each sample, at any place beside its messages.
+
+    ``everywhere``: now and then it is missing, or comes much later.
+    """
+    found, last = list(stream), 0
+    for stamp in sorted({cdr_decoder.read_stamp(data) for _, data in stream if len(data) > 60}):
+        load = StampedWriter(rng.choice(["world", "body_b"])).write(stamp, np.full(6, 1e-9 * stamp))
+        at = [k for k, (_, data) in enumerate(found) if is_of(data, stamp)]
+        last = max(last + 1, rng.randint(at[0], at[-1] + 1))
+        late = rng.choice([0] * 30 + [2, 5, 9, -1]) if everywhere else 0
+        if late >= 0:
+            found.insert(last + late, ("body_b/load", load))
+    return found
+
+
+def is_of(data: bytes, stamp: int) -> bool:
+    """Whether a message can be decoded and has a stamp (ns)."""
+    return len(data) > 60 and cdr_decoder.read_stamp(data) == stamp
+
+
 def big_endian(data: bytes) -> bytes:
     """The same message as encoded by a big-endian machine."""
     seconds, nanoseconds, length = struct.unpack_from("<iII", data, 4)
@@ -81,12 +108,14 @@ def big_endian(data: bytes) -> bytes:
 def process(scene: Scene, stream: list[tuple[str, bytes]]) -> tuple[list, MessagePipeline]:
     """The responses to messages in their order, states without computing time."""
     pipeline = MessagePipeline(scene)
+    pipeline.matcher.expects = lambda *_: IF_REGULAR
     found = []
     for name, data in stream:
         response = pipeline.inputs[name].receive(data)
-        if response is not None:
+        while response is not None:
             state = None if response.state is None else without_time(2, response.state)[1]
             found.append((*response[:3], state, response.joint_state))
+            response = pipeline.next()
     return found, pipeline
 
 
@@ -167,6 +196,7 @@ def process_fused(
 ) -> tuple[list[tuple[int, bytes]], MessagePipeline, int]:
     """As :func:`process` through the fused call: published messages, and its number of samples."""
     pipeline, fused_samples = MessagePipeline(scene), [0]
+    pipeline.matcher.expects = lambda *_: IF_REGULAR
     names = [name for name in pipeline.inputs if name in STREAM_NUMBER]
     middleware = Middleware(stream, names, {2})
     pipeline.wanted = lambda name: name == "~/state"
@@ -178,10 +208,13 @@ def process_fused(
 
     def receive(name: str, data: bytes) -> bool:
         response = pipeline.inputs[name].receive(data)
-        for k, message in enumerate(response[1:] if response is not None else ()):
-            if message is not None:
-                middleware.published.append((k, message))
-        return response is not None
+        complete = response is not None
+        while response is not None:
+            for k, message in enumerate(response[1:]):
+                if message is not None:
+                    middleware.published.append((k, message))
+            response = pipeline.next()
+        return complete
 
     inputs = [
         fused.Input(
@@ -199,12 +232,33 @@ def process_fused(
         path._calls.addresses[at] = ctypes.cast(function, ctypes.c_void_p).value
     while middleware.left:
         if middleware.left[0][0] not in names:
-            name, data = middleware.left.pop(0)
-            pipeline.inputs[name].receive(data)
-        path.take(lambda error: pytest.fail(str(error)))
+            receive(*middleware.left.pop(0))
+        path.take(None, lambda error: pytest.fail(str(error)))
     pipeline.decoder.replay_pending(pipeline._use_reference_path)
     path._received = rcl.ReceiveBuffers(0)  # the buffers were the test's own
     return middleware.published, pipeline, fused_samples[0]
+
+
+@pytest.mark.parametrize("everywhere", [False, True], ids=["each", "most"])
+@pytest.mark.parametrize("seed", range(5))
+def test_loads_of_each_sample_give_the_same_on_all_paths(seed, everywhere, monkeypatch):
+    scene, names = motion(seed)
+    rng = random.Random(seed)
+    stream = with_loads(rng, messages(rng, 200, names), everywhere)
+    published, compiled, samples = process_fused(scene, stream)
+    responses, first = process(scene, stream)
+    use_reference_path(monkeypatch)
+    expected, second = process(scene, stream)
+    assert len(expected) > 100
+    assert responses == expected
+    assert [without_time(k, data) for k, data in published] == [
+        (k, data) for one in expected for k, data in enumerate(one[1:4]) if data is not None
+    ]
+    for pipeline in (first, compiled):
+        assert pipeline.matcher.counts == second.matcher.counts
+        np.testing.assert_array_equal(pipeline.matcher.sample, second.matcher.sample)
+        np.testing.assert_array_equal(pipeline.connector.memory, second.connector.memory)
+    assert samples > 20
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -53,6 +53,16 @@ def test_a_process_that_ignores_signals_is_killed() -> None:
     assert running.last_words() == "last output of child:\n    started"
 
 
+def test_a_child_can_be_interrupted_if_this_process_ignores_interrupts() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with start("import signal; print(signal.getsignal(signal.SIGINT))") as running:
+            assert "default_int_handler" in running.wait_for("", TIMEOUT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_waiting_for_a_line_that_never_appears() -> None:
     with (
         start("import time; print('one'); time.sleep(60)") as running,

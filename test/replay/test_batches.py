@@ -92,7 +92,8 @@ def result_of(replay: Replay, items: Iterator[Item]) -> tuple[list[Item], dict[s
     state = {
         "counts": replay.counts, "matcher": matcher.counts, "received": matcher.received,
         "sample": matcher.sample.tobytes(), "last": matcher.last_stamp, "health": health,
-        "memory": pipeline.connector.memory.tobytes(), "zero": last, "loads": pipeline.loads,
+        "memory": pipeline.connector.memory.tobytes(), "zero": last,
+        "loads": list(pipeline.loads.current(matcher.last_stamp)),
         "out": np.delete(pipeline.out, layout.COMPUTING_TIME).tobytes(),
     }  # fmt: skip
     return found, state

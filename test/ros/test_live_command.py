@@ -226,7 +226,7 @@ def solution_values(listener: Listener, name: str) -> set[str]:
 
 
 def test_recording_that_starts_after_a_command_contains_it(connector, peer, tmp_path):
-    with connector("timeout:=.inf", "record.directory:=kept"):
+    with connector("timeout:=.inf", "record.directory:=kept", "latency:=0"):
         listener, source = Listener(peer), Source(peer)
         publisher = peer.node.create_publisher(JointState, "/connector/command", 10)
         listener.exchange(source, 1 * MS)

@@ -11,14 +11,14 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from ros_processes import Listener, Source, parameters, program, stamp_of, wrench_of
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 MS = 1_000_000
 WEIGHT = 2.0 * 9.81
-NAN = float("nan")
+NAN, INF = float("nan"), float("inf")
 
 
 @pytest.mark.parametrize("form", ["pose_twist", "odometry"])
@@ -66,8 +66,8 @@ def test_bad_input_never_becomes_a_wrench(connector, peer):
         listener, source = Listener(peer), Source(peer)
         listener.exchange(source, 1 * MS)
         for stamp, motion, text, count in (
-            (2 * MS, {"position": (NAN, 0.0, 0.0)}, "is not finite", "non-finite"),
-            (3 * MS, {"velocity": (0.0, float("inf"), 0.0)}, "is not finite", "non-finite"),
+            (2 * MS, {"position": (NAN, 0.0, 0.0)}, "body_b/pose is not finite", "non-finite"),
+            (3 * MS, {"velocity": (0.0, INF, 0.0)}, "body_b/twist is not finite", "non-finite"),
             (4 * MS, {"orientation": (0.0,) * 4}, "cannot be normalised", "bad quaternion"),
         ):
             wrench = listener.exchange(source, stamp, **motion)
@@ -76,9 +76,13 @@ def test_bad_input_never_becomes_a_wrench(connector, peer):
             assert int(values[count]) >= 1
         source.publishers[0].publish(b"\x00\x01\x00\x00 not a pose")
         values = listener.wait_for_status("samples", "cannot be decoded")
+        assert listener.status("samples")[1].startswith("body_b/pose: stamp has ")
         assert values["undecodable"] == "1"
+        source.publishers[1].publish(b"")  # the middleware does not deliver it
         wrench = listener.exchange(source, 5 * MS)
         assert wrench_of(wrench)[2] == pytest.approx(WEIGHT)  # the node continues
+        values = listener.wait_for_status("topics", "/body_b/twist: messages were lost (1 so far")
+        assert values["dropped messages"] == "1"
         values = listener.wait_for_status("samples", "samples/s")
         assert (values["non-finite"], values["bad quaternion"]) == ("2", "1")
 
@@ -135,14 +139,29 @@ def test_load_is_balanced_by_the_wrench(connector, peer):
 
 def test_incompatible_qos_is_diagnosed_with_the_remedy(connector, peer):
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    with connector():
+    with connector() as running:
         listener = Listener(peer)
         publisher = peer.node.create_publisher(PoseStamped, "/body_b/pose", best_effort)
-        values = listener.wait_for_status(
-            "topics", "/body_b/pose: a peer's QoS is incompatible (reliability); publish RELIABLE"
-        )
+        text = "/body_b/pose: a publisher is best_effort (expected reliable), its messages are not"
+        values = listener.wait_for_status("topics", text)
         assert values["incompatible QoS"] == "1"
         assert publisher.get_subscription_count() == 0
+        assert running.wait_for(text).endswith("set qos.reliability: best_effort")
+        peer.node.destroy_publisher(publisher)
+        peer.spin_until(lambda: text not in listener.status("topics")[1], "withdrawal")
+        assert listener.status("topics")[2]["incompatible QoS"] == "0"
+
+
+def test_best_effort_inputs_receive_publishers_of_both_kinds(connector, peer):
+    with connector("qos.reliability:=best_effort"):
+        listener = Listener(peer)
+        for stamp, qos in ((1, qos_profile_sensor_data), (2, 10)):
+            source = Source(peer, qos=qos)
+            wrench = listener.exchange(source, stamp * MS)
+            assert wrench_of(wrench)[2] == pytest.approx(WEIGHT)
+            for publisher in source.publishers:
+                peer.node.destroy_publisher(publisher)
+        assert listener.wait_for_status("topics", "connected")["incompatible QoS"] == "0"
 
 
 def test_qos_overrides_apply_and_unknown_ones_are_refused(connector, peer):
@@ -167,6 +186,12 @@ def test_lifecycle_by_services(connector, peer):
     with connector("autostart:=false") as running:
         listener, source = Listener(peer), Source(peer)
         assert state() == "unconfigured"
+        assert not change(Transition.TRANSITION_ACTIVATE)  # not available: refused at once
+        assert not change(99)
+        line = (
+            "transition 3 refused: the node is unconfigured; it allows configure (1), shutdown (5)"
+        )
+        assert line in running.output
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == "inactive"
         assert not any(publisher.get_subscription_count() for publisher in source.publishers)
@@ -260,7 +285,8 @@ def test_parameters_at_run_time(connector, peer):
         request = GetParameters.Request(names=["friction.coefficient", "body_a.inertia"])
         values = peer.call(GetParameters, "/connector/get_parameters", request).values
         assert values[0].double_value == 0.5
-        assert values[1].type == ParameterType.PARAMETER_NOT_SET
+        assert values[1].type == ParameterType.PARAMETER_DOUBLE_ARRAY
+        assert not values[1].double_array_value  # [], not set
         request = DescribeParameters.Request(names=["friction.radius"])
         found = peer.call(DescribeParameters, "/connector/describe_parameters", request)
         assert found.descriptors[0].additional_constraints.startswith("a number > 0 m")

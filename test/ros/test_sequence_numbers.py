@@ -51,12 +51,13 @@ class Queue:
 
 
 @pytest.fixture
-def no_events(monkeypatch):
-    event = SimpleNamespace(arm=lambda _: None, close=lambda: None)
-    monkeypatch.setattr(new_message_event, "MessageEvent", lambda _: event)
+def poller(monkeypatch):
+    """A poller without events."""
+    monkeypatch.setattr(executor, "MessageEvent", lambda _: None)
+    return SimpleNamespace(register=lambda *_: None, arm=lambda *_: None)
 
 
-def test_whole_queue_is_taken_if_its_first_message_completes_no_sample(no_events):
+def test_whole_queue_is_taken_if_its_first_message_completes_no_sample(poller):
     queue, taken = Queue(), []
 
     def receive(data):
@@ -64,25 +65,25 @@ def test_whole_queue_is_taken_if_its_first_message_completes_no_sample(no_events
         return data == b"completes"
 
     subscription = executor.InputSubscription(queue, receive)
-    group = executor._Group(executor.InputGroup([subscription]), print)
+    group = executor.Group(executor.InputGroup([subscription]), print, poller, 0)
     queue.waiting += [b"completes"]
-    group.process(1.0)
+    group.process(1.0, [0])
     queue.waiting += [b"again", b"completes"]  # one event for both
-    group.process(1.0005)
+    group.process(1.0005, [0])
     assert taken == [b"completes", b"again", b"completes"]
     assert group.due > 1.0005
 
 
-def test_executor_polls_between_samples_at_short_intervals(no_events):
+def test_executor_polls_between_samples_at_short_intervals(poller):
     queue, now = Queue(), 1.0
     subscription = executor.InputSubscription(queue, lambda data: data == b"completes")
-    group = executor._Group(executor.InputGroup([subscription]), print)
+    group = executor.Group(executor.InputGroup([subscription]), print, poller, 0)
 
     def poll_until(after, data=b"completes"):
         nonlocal now
         now += after
         queue.waiting.append(data)
-        group.process(now)
+        group.process(now, [0])
         return group.poll_until
 
     for _ in range(20):  # 500 per second
@@ -99,8 +100,8 @@ def test_executor_polls_between_samples_at_short_intervals(no_events):
 
 
 def test_poller_polls_first_and_blocks_afterwards(monkeypatch):
-    poller, timeouts = new_message_event.EventPoller(), []
-    poller._numbers[7] = 3
+    poller, timeouts = new_message_event.EventPoller[int](), []
+    poller._keys[7] = 3
 
     def poll(timeout):
         timeouts.append(timeout)

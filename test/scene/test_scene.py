@@ -173,7 +173,7 @@ def test_table_is_a_group_that_may_be_absent():
             {"command__slide__force": 1.0, "command__slide__velocity": 2.0},
             "command.slide.force = 1.0: must not be given with a motion",
         ),
-        ({"latency": 9}, "latency = 9: must be at most 8 samples"),
+        ({"latency": 21}, "latency = 21: must be at most 20 samples"),
         ({"lock__component": "slide"}, "lock.component = 'slide': needs a criterion"),
         ({"lock__force": 1.0}, "lock.component = 'none': must be slide or spin"),
         ({"stamp_tolerance": 0.0005}, "stamp_tolerance = 0.0005: must be less than half"),

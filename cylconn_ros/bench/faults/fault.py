@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +14,8 @@ import numpy as np
 
 from cylconn_ros.bench.faults.simulator import Array, Bodies, Simulator
 from cylconn_ros.process.child import Child, node_command
-from cylconn_ros.scene.parameter_file import dump
+from cylconn_ros.scene import multiple
+from cylconn_ros.scene.parameter_file import dump_several
 from cylconn_ros.scene.scene import Scene
 
 OFFSET, ANGLE = 1e-3, 1e-2  # m, rad: greatest constraint violation allowed
@@ -48,11 +49,19 @@ def sleeve(**more: Any) -> Scene:
 
 @contextlib.contextmanager
 def node(
-    kind: Literal["connector", "plant"], scene: Scene, folder: Path, *parameters: str
+    kind: Literal["connector", "plant"],
+    scene: Scene | Mapping[str, Scene],
+    folder: Path,
+    *parameters: str,
 ) -> Iterator[Child]:
-    """Run a node with a scene and further parameters (``name:=value``) for a ``with`` block."""
+    """Run a node for a ``with`` block.
+
+    ``scene``: of its connector, or of its connectors by name. ``parameters``: further ones,
+    ``name:=value``.
+    """
     file = folder / f"scene_{time.monotonic_ns()}.yaml"
-    file.write_text(dump(scene), encoding="utf-8")
+    scenes = {multiple.ONE: scene} if isinstance(scene, Scene) else scene
+    file.write_text(dump_several(scenes), encoding="utf-8")
     arguments = [part for parameter in parameters for part in ("-p", parameter)]
     command = node_command(kind, file, *arguments)
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}

@@ -8,14 +8,17 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from cylconn_ros.bench.common.results import Findings, Measurement, Target
 from cylconn_ros.bench.common.settings import Settings
-from cylconn_ros.bench.faults import sweep
+from cylconn_ros.bench.faults import free_running, sweep
 from cylconn_ros.bench.faults.sweep import Cell, Outcome
 from cylconn_ros.process.child import Child, module_command
 from cylconn_ros.reference.library import LIBRARY
 
 PROCESSES, LIBRARY_RUNS = "real processes", "every scene of the library"
+FREE_RUNNING = "every scene of the library, free running"
 MET = "met"
 NOT_FINITE = "not finite"
 QUICK_SCENES = ["demo", "free_flight", "incline_stick"]
@@ -34,6 +37,49 @@ def measure(
     names = QUICK_SCENES if settings.quick else sorted(LIBRARY)
     faults = [f for f in sweep.cases() if not settings.quick or f.name in _QUICK_FAULTS]
     found.add(_of_cells(dict(sweep.run(names, faults, settings.load, progress))))
+    found.add(_of_free_running(names, settings))
+    return found
+
+
+def _of_free_running(names: list[str], settings: Settings) -> Findings:
+    """The free-running plant: which runs did not survive, and the worst of each lag and kind."""
+    rates, lags, kinds, integrations = (
+        ((500.0,), (0.3, 2.5), ("constant", "jitter"), ("exact",))
+        if settings.quick
+        else (
+            free_running.RATES, free_running.LAGS, free_running.KINDS, free_running.INTEGRATIONS,
+        )
+    )  # fmt: skip
+    groups: dict[tuple[float, float, str], list[tuple[float, float, bool]]] = {}
+    failed, runs = [], 0
+    cells = free_running.sweep(names, rates, lags, kinds, integrations, settings.load)
+    for (name, rate, integration, lag), motion, failures in cells:
+        runs += 1
+        group = groups.setdefault((rate, lag.periods, lag.kind), [])
+        group.append((motion.offset, motion.angle, not failures))
+        if failures:
+            reasons = " and ".join(failures)
+            failed.append(
+                f"{name} at {rate:g} Hz, {integration}, {lag.periods:g} {lag.kind}: {reasons}"
+            )
+    found = Findings()
+    note = f"of {runs} runs" + (": " + "; ".join(failed) if failed else "")
+    found.targets.append(Target("free running: not survived", len(failed), 0.0, "", note))
+    for (rate, periods, kind), group in groups.items():
+        values = {
+            "runs": (len(group), ""),
+            "survived": (sum(fine for _, _, fine in group), ""),
+            "offset": (float(np.median([offset for offset, _, _ in group])), "m"),
+            "greatest offset": (max(offset for offset, _, _ in group), "m"),
+            "angle": (max(angle for _, angle, _ in group), "rad"),
+        }
+        for quantity, (value, unit) in values.items():
+            found.measurements.append(
+                Measurement(
+                    FREE_RUNNING, f"{periods:g} {kind}", quantity, float(value), unit,
+                    settings={"rate": rate},
+                )
+            )  # fmt: skip
     return found
 
 

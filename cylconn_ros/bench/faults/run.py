@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from cylconn_ros.bench.faults import processes, shutdown
+from cylconn_ros.bench.faults import lock_step, processes, shutdown
 from cylconn_ros.bench.faults.fault import FaultCase, node, sleeve
 from cylconn_ros.bench.faults.messages import MessageFaults
 from cylconn_ros.bench.faults.simulator import Simulator
@@ -49,7 +49,12 @@ def cases(folder: Path, quick: bool) -> Iterator[FaultCase]:
                 yield with_invariants(late_wrenches(simulator, samples, steps), simulator)
     with _connected(folder, sleeve(**_MISALIGNED)) as simulator:
         yield with_invariants(misaligned(simulator, 1500), simulator)
-    of_processes = processes.cases(folder, quick), shutdown.cases(folder, quick)
+    samples = lock_step.QUICK if quick else lock_step.SAMPLES
+    of_processes = (
+        lock_step.cases(folder, samples),
+        processes.cases(folder, quick),
+        shutdown.cases(folder, quick),
+    )
     for case, simulator in itertools.chain(*of_processes):
         yield with_invariants(case, simulator)
 

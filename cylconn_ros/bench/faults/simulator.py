@@ -112,6 +112,12 @@ class Simulator:
 
     # --- sending ---
 
+    def advertise(self, name: str, kind: str) -> None:
+        """Create one more publisher, of messages with the type ``kind`` on a relative topic."""
+        self._publishers[name] = self.node.create_publisher(
+            message_class(kind), f"{self._namespace}/{name}", _QUEUE
+        )
+
     def publish(self, name: str, data: bytes) -> None:
         """Publish any bytes on a relative topic."""
         self._publishers[name].handle.publish_raw(data)

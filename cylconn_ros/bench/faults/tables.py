@@ -17,6 +17,8 @@ def body(found: Findings) -> str:
             processes(found),
             f"**{measure.LIBRARY_RUNS.capitalize()}, in process**",
             library(found),
+            f"**{measure.FREE_RUNNING.capitalize()}, in process**",
+            free_running(found),
         ]
     )
 
@@ -44,6 +46,26 @@ def library(found: Findings) -> str:
         head += [f"latency {latency}: bounded", "offset", "angle", "energy", "passive"]
     head += [f"latency {sweep.NOT_SET}: bounded", "offset", "angle", "energy"]
     rows = [[fault, *_cells(cells)] for fault, cells in values.items()]
+    return table(head, rows)
+
+
+def free_running(found: Findings) -> str:
+    """One row per rate, lag and kind: runs that survived, and the offset reached."""
+    values: dict[tuple[float, str], dict[str, tuple[float, str]]] = {}
+    for m in found.measurements:
+        if m.case == measure.FREE_RUNNING:
+            row = values.setdefault((float(m.settings["rate"]), m.subject), {})
+            row[m.quantity] = (m.value, m.unit)
+    head = ("rate", "lag in samples", "survived", "median offset", "greatest", "greatest angle")
+    rows = [
+        (
+            f"{rate:g} Hz",
+            lag,
+            f"{row['survived'][0]:.0f} of {row['runs'][0]:.0f}",
+            *(_milli(*row[name]) for name in ("offset", "greatest offset", "angle")),
+        )
+        for (rate, lag), row in values.items()
+    ]
     return table(head, rows)
 
 

@@ -112,8 +112,7 @@ class Client:
             receive_buffers.memory, receive_buffers.addresses, self._found,
         )  # fmt: skip
         self._sent = 0
-        self.event = MessageEvent(self._subscriptions[-1:])
-        self.event.arm([0])
+        self.event = MessageEvent(self._subscriptions[-1])
         self.take()  # compiles
 
     def connected(self) -> bool:

@@ -80,9 +80,15 @@ class _Forwarder:
         taken, table, _, *rest = self._arguments
         _forward(taken, table, np.zeros(0, np.int64), *rest)  # compiles
 
-    def take(self, _on_error: Callable[[Exception], object]) -> int | None:
-        """Forward all queued messages; return the index of the last input if there were any."""
-        return len(INPUTS) - 1 if _forward(*self._arguments) else None
+    def take(
+        self, _first: int | None, _on_error: Callable[[Exception], object]
+    ) -> tuple[bool, int | None]:
+        """Forward all queued messages, as ``FusedPath.take`` processes them."""
+        return _forward(*self._arguments) > 0, len(INPUTS) - 1
+
+    def is_partial(self) -> bool:
+        """Whether messages of a sample that is not forwarded are taken."""
+        return bool(self._arguments[0][0])
 
 
 def main() -> int:
@@ -102,7 +108,7 @@ def main() -> int:
     executor = SampleExecutor(
         node, threading.Lock(), lambda error: print(error, file=sys.stderr, flush=True)
     )
-    executor.open([InputGroup(entries, forwarder.take)])
+    executor.open([InputGroup(entries, forwarder.take, forwarder.is_partial)])
     try:
         while True:
             time.sleep(1.0)

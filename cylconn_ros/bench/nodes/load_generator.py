@@ -33,7 +33,7 @@ class Load:
         self.send = client.send
         self._take = client.take
         # Every node publishes the state last: waiting for it alone costs the least.
-        self._poller = EventPoller()
+        self._poller = EventPoller[int]()
         self._poller.register(client.event, 0)
 
     def take(self, timeout: int, polling: float = 0.0) -> list[int]:

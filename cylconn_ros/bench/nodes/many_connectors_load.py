@@ -78,7 +78,7 @@ class ManyLoads:
 
     def __init__(self, node: Node, names: Sequence[str], moving: Sequence[str]) -> None:
         self._loads = [Load(node, name, moving) for name in names]
-        self._poller = EventPoller()
+        self._poller = EventPoller[int]()
         for number, load in enumerate(self._loads):
             self._poller.register(load.client.event, number)
         connect([load.client for load in self._loads], f"one of {len(names)} connectors")

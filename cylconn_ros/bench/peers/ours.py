@@ -17,6 +17,7 @@ from cylconn_ros.bench.common.methods import METHODS, with_method, with_period
 from cylconn_ros.bench.peers import loop
 from cylconn_ros.bench.peers.solver import EndState, Problem, Solve, Solver
 from cylconn_ros.core import layout, model
+from cylconn_ros.methods.dispatch import STEPS
 from cylconn_ros.methods.minimal import dense_output
 from cylconn_ros.methods.minimal.events import LOG_WIDTH
 from cylconn_ros.methods.traits import TRAITS
@@ -39,7 +40,7 @@ class ClosedLoop:
     """
 
     def __init__(self, scene: Scene, steps: int) -> None:
-        self.method, self.steps = TRAITS[scene.method].number, steps
+        self.handle, self.steps = STEPS[scene.method].handle, steps
         bodies = Plant(scene)
         self.par, self.plant_par = pack(scene), pack(scene, plant=True)
         self.start, self.loads, self.h = bodies.state.copy(), bodies.loads, scene.period
@@ -53,7 +54,7 @@ class ClosedLoop:
         self.state[:] = self.start
         self.mem[:] = 0.0
         self.good = loop.closed(
-            self.method, self.par, self.plant_par, self.mem, self.sample, self.loads, self.state,
+            self.handle, self.par, self.plant_par, self.mem, self.sample, self.loads, self.state,
             self.a, self.b, self.h, self.steps, self.out,
         )  # fmt: skip
         return lambda: self.state

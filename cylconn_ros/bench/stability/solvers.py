@@ -125,7 +125,7 @@ def _with_unknown_inertia(scene: Scene) -> Scene:
 
 
 def _naive(scene: Scene, faults: Faults) -> Trace:
-    if scene.latency != 0:
+    if scene.latency > 0:
         raise NotApplicableError("has no latency compensation")
     return closed_loop(scene, NaivePenalty(with_method(scene, "penalty")), faults)
 

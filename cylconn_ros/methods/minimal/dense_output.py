@@ -7,7 +7,7 @@ import numpy as np
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import allocating_kernel, device_function
+from cylconn_ros.core.jit import allocating_function, allocating_kernel
 from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import cross, matrix, out_of, sub
@@ -32,7 +32,7 @@ INTEGRALS: Final = 44
 WIDTH: Final = INTEGRALS + derivatives.INTEGRALS
 
 
-@device_function
+@allocating_function
 def _write_body(row: Array, first: int, body: Body, m: Motion) -> None:
     """Write pose and twist of the body's frame to ``row`` from index ``first``."""
     arm = out_of(matrix(m.orientation), body.com)
@@ -43,7 +43,7 @@ def _write_body(row: Array, first: int, body: Body, m: Motion) -> None:
     model.write_vector(row, first + 10, m.spin)
 
 
-@device_function
+@allocating_function
 def write_row(par: Array, joint: Array, t: float, y: Array, s: ContactState, row: Array) -> None:
     """Fill ``row`` (WIDTH,) for the coordinates y at t."""
     p = configuration(par, joint, t, y)

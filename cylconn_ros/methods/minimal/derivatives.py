@@ -4,7 +4,7 @@ from typing import Final
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.jit import allocating_function, inline_function
 from cylconn_ros.core.vectors import add, cross, scale
 from cylconn_ros.methods.minimal import coordinates
 from cylconn_ros.methods.minimal.coordinates import (
@@ -28,7 +28,7 @@ def size_of(joint: Array) -> int:
     return 17 if joint[coordinates.MODE] == coordinates.BOTH_FREE else 4
 
 
-@device_function
+@allocating_function
 def _write_body_a(par: Array, joint: Array, p: Configuration, i: Instant, k: Array) -> None:
     """Write the derivatives of pose and twist of A to ``k``."""
     x, y, z, w = p.a.orientation
@@ -56,7 +56,7 @@ def _write_free_axes(y: Array, n: int, i: Instant, k: Array) -> None:
     k[n + 4], k[n + 5] = i.total
 
 
-@device_function
+@allocating_function
 def derivatives_at(
     par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
 ) -> Instant:
@@ -72,7 +72,7 @@ def derivatives_at(
     return i
 
 
-@device_function
+@allocating_function
 def stage_derivatives(
     par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
 ) -> bool:

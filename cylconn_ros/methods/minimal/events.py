@@ -15,7 +15,7 @@ from typing import Final
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import allocating_function
 from cylconn_ros.core.joint_limits import Two, is_motion_imposed
 from cylconn_ros.core.layout import STICK
 from cylconn_ros.core.vectors import norm
@@ -54,7 +54,7 @@ LOCK_FORCE: Final = 6
 NEVENTS: Final = 7
 
 
-@device_function
+@allocating_function
 def event_functions(
     par: Array,
     joint: Array,
@@ -95,7 +95,7 @@ def event_functions(
     return count
 
 
-@device_function
+@allocating_function
 def locate_event(
     par: Array, joint: Array, t: float, y: Array, high: float, s: ContactState, slip: float,
     lock_side: float, event: int, k: Array, new: Array, system: Array, start: Array, end: Array,
@@ -123,7 +123,7 @@ def locate_event(
     return high
 
 
-@device_function
+@allocating_function
 def _limit_candidate(par: Array, y: Array, k: int, locked: bool) -> int:
     """2: locked, or motion imposed; -1, 1: in contact with that stop; 0: free."""
     if (locked and int(par[model.LOCK]) - 1 == k) or is_motion_imposed(par, k):
@@ -137,7 +137,7 @@ def _limit_candidate(par: Array, y: Array, k: int, locked: bool) -> int:
     return 0
 
 
-@device_function
+@allocating_function
 def contact_conditions(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
 ) -> tuple[bool, Sides, Two, bool]:
@@ -158,7 +158,7 @@ def contact_conditions(
     return True, sides, (0.0, 0.0), True
 
 
-@device_function
+@allocating_function
 def _solve_contact(
     par: Array, joint: Array, t: float, y: Array, locked: bool, was_stick: bool
 ) -> tuple[bool, Sides, Two]:
@@ -195,7 +195,7 @@ def _solve_contact(
     return stuck, sides, a
 
 
-@device_function
+@allocating_function
 def log_event(log: Array, count: int, t: float, kind: int, y: Array, restitution: float) -> int:
     """Append an event to ``log`` if there is room; returns the number of events."""
     if count < log.shape[0]:
@@ -208,7 +208,7 @@ def log_event(log: Array, count: int, t: float, kind: int, y: Array, restitution
     return count + 1
 
 
-@device_function
+@allocating_function
 def start_slip(
     par: Array, joint: Array, t: float, y: Array, a: tuple[float, float], sides: Sides, k: Array,
     left: float,
@@ -224,7 +224,7 @@ def start_slip(
     return h
 
 
-@device_function
+@allocating_function
 def longest_stick_step(joint: Array, y: Array, beyond_limit: bool) -> float:
     """The longest step in stick, s: a rotation of 0.1 rad, or 0.01 rad if ``beyond_limit``."""
     free = joint[coordinates.MODE] == coordinates.BOTH_FREE

@@ -17,7 +17,7 @@ import math
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.jit import allocating_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.methods.minimal import coordinates
 from cylconn_ros.methods.minimal.coordinates import (
@@ -37,7 +37,7 @@ def _into_body_axes(c: float, s: float, x: Four) -> Four:
     )  # fmt: skip
 
 
-@device_function
+@allocating_function
 def prepare(par: Array, joint: Array, y: Array) -> None:
     """Fill the constants in ``joint`` if the reduction holds."""
     joint[coordinates.FIXED_SHAFT] = 0.0

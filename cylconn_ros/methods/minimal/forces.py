@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, Law, contact, limit
 from cylconn_ros.core.friction_disc import DiscSolution, solve_disc
-from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.jit import allocating_function, inline_function
 from cylconn_ros.core.joint_limits import ActiveLimits, Two, eliminate_limits, imposed_force
 from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
 from cylconn_ros.core.slip_curve import make_disc_problem
@@ -106,7 +106,7 @@ def with_forces(r: ReducedEquations, f: float, m: float) -> ReducedEquations:
     return ReducedEquations(free, r.s, add4(r.base, along(r, f, m)), r.by_f1, r.by_m1)
 
 
-@device_function
+@allocating_function
 def instant(par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides) -> Instant:
     """Accelerations and forces in slip or stick; components of ``sides`` != 0 are at a limit."""
     return instant_of(par, joint, y, equations(par, joint, t, y), stuck, sides)
@@ -129,7 +129,7 @@ def instant_of(
     )
 
 
-@device_function
+@allocating_function
 def _stick(
     par: Array, r: ReducedEquations, spring: Two, damper: Two, push: Two, sides: Sides
 ) -> Instant:
@@ -147,7 +147,7 @@ def _stick(
     )  # fmt: skip
 
 
-@device_function
+@allocating_function
 def _slip_at_limit(
     par: Array, y: Array, r: ReducedEquations, spring: Two, damper: Two, push: Two, sides: Sides
 ) -> Instant:
@@ -193,7 +193,7 @@ def _slip(
     )  # fmt: skip
 
 
-@device_function
+@allocating_function
 def solve_on_disc(
     radius: float, free: Two, s: tuple[float, float, float], base: Four, r: ReducedEquations,
     active: ActiveLimits, law: Law, par: Array, was_stick: bool,
@@ -208,7 +208,7 @@ def solve_on_disc(
     return solve_disc(law, par, d, was_stick)
 
 
-@device_function
+@allocating_function
 def regime_from_rest(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, was_stick: bool
 ) -> tuple[int, Two]:
@@ -229,7 +229,7 @@ def regime_from_rest(
     return SLIP, (found.s_end[0] / tau, found.s_end[1] / (tau * law.radius))
 
 
-@device_function
+@allocating_function
 def slip_persists(par: Array, joint: Array, t: float, y: Array, sides: Sides, a: Two) -> bool:
     """Whether slip that starts from rest with accelerations ``a`` keeps its direction.
 

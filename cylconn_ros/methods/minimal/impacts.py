@@ -9,7 +9,7 @@ import math
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, without_preload
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import allocating_function
 from cylconn_ros.core.joint_limits import Two, eliminate_limits
 from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.vectors import add, add_scaled, cross, into, matrix, out_of, times
@@ -26,7 +26,7 @@ from cylconn_ros.methods.minimal.forces import Sides, along, solve_on_disc
 BISECTIONS = 50
 
 
-@device_function
+@allocating_function
 def apply_impulse(
     par: Array, joint: Array, t: float, y: Array, n: int, x: Two, friction: Two
 ) -> None:
@@ -51,7 +51,7 @@ def apply_impulse(
         model.write_vector(y, coordinates.A_SPIN, add_scaled(a.spin, -1.0, dw))
 
 
-@device_function
+@allocating_function
 def impose_rates(
     par: Array, joint: Array, t: float, y: Array, n: int, sides: Sides, rates: Two
 ) -> None:
@@ -66,7 +66,7 @@ def impose_rates(
             y[coordinates.SLIDE + k] = rates[k]
 
 
-@device_function
+@allocating_function
 def _impact_impulse(
     par: Array, y: Array, r: ReducedEquations, k: int, eps: float, others: Sides
 ) -> tuple[Two, Two]:
@@ -91,7 +91,7 @@ def _impact_impulse(
     return x, (f, m)
 
 
-@device_function
+@allocating_function
 def impact(
     par: Array, joint: Array, t: float, y: Array, n: int, k: int, eps: float, others: Sides
 ) -> float:

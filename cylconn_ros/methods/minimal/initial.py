@@ -4,7 +4,7 @@ from typing import Final
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import allocating_function
 from cylconn_ros.core.joint_limits import is_motion_imposed
 from cylconn_ros.core.relative_state import RelativeState
 from cylconn_ros.core.rigid_body import Motion
@@ -16,13 +16,13 @@ DEFAULT_TOLERANCE: Final = 1e-12
 """Relative tolerance of an integration step; a tenth of it is the absolute one, in SI units."""
 
 
-@device_function
+@allocating_function
 def tolerance_of(par: Array) -> float:
     """Relative tolerance of a step: the one that follows from the scene's, else the default."""
     return par[model.TOLERANCE] if par[model.TOLERANCE] > 0.0 else DEFAULT_TOLERANCE
 
 
-@device_function
+@allocating_function
 def mode_of(par: Array) -> int:
     """The prescribed body: A_PRESCRIBED, B_PRESCRIBED or BOTH_FREE."""
     if par[model.BODY_A] == 0.0:
@@ -32,7 +32,7 @@ def mode_of(par: Array) -> int:
     return coordinates.BOTH_FREE
 
 
-@device_function
+@allocating_function
 def apply_imposed_motion(par: Array, joint: Array, y: Array) -> None:
     """Apply imposed motions to the coordinates: positions directly, rates by an impulse."""
     sides = (2 if is_motion_imposed(par, 0) else 0, 2 if is_motion_imposed(par, 1) else 0)
@@ -49,7 +49,7 @@ def apply_imposed_motion(par: Array, joint: Array, y: Array) -> None:
     impose_rates(par, joint, 0.0, y, n, sides, rates)
 
 
-@device_function
+@allocating_function
 def _write_motion(a: Array, first: int, m: Motion) -> None:
     model.write_vector(a, first, m.com)
     for k in range(4):
@@ -58,7 +58,7 @@ def _write_motion(a: Array, first: int, m: Motion) -> None:
     model.write_vector(a, first + 10, m.spin)
 
 
-@device_function
+@allocating_function
 def initial_state(
     par: Array, mem: Array, sample: Array, o: RelativeState, joint: Array, y: Array
 ) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import allocating_kernel, device_function
+from cylconn_ros.core.jit import allocating_function, allocating_kernel
 from cylconn_ros.core.joint_limits import Two, is_motion_imposed
 from cylconn_ros.methods.minimal import coordinates, events
 from cylconn_ros.methods.minimal.derivatives import SLIP_INTEGRAL, derivatives_at, size_of
@@ -72,7 +72,7 @@ class StepEvent(NamedTuple):
     evaluations: int
 
 
-@device_function
+@allocating_function
 def begin_phase(
     par: Array, joint: Array, t: float, y: Array, k: Array, locked: bool, was_stick: bool,
     left: float, pause: float,
@@ -96,7 +96,7 @@ def begin_phase(
     return taken, ContactState(False, sides, locked, stiff, False, -math.inf)
 
 
-@device_function
+@allocating_function
 def _imposed_rates(par: Array, s: ContactState) -> Two:
     """The imposed rates of slide and spin; 0.0 if none is imposed."""
     slide, spin = 0.0, 0.0
@@ -108,7 +108,7 @@ def _imposed_rates(par: Array, s: ContactState) -> Two:
     return slide, spin
 
 
-@device_function
+@allocating_function
 def _lock_side(par: Array, y: Array, locked: bool) -> float:
     """The side from which the component approaches the lock's position; 0: it does not."""
     if par[model.LOCK] == 0.0 or locked or math.isnan(par[model.LOCK + 1]):
@@ -117,7 +117,7 @@ def _lock_side(par: Array, y: Array, locked: bool) -> float:
     return 1.0 if away > 0.0 else (-1.0 if away < 0.0 else 0.0)
 
 
-@device_function
+@allocating_function
 def _apply_event(
     par: Array, joint: Array, t: float, y: Array, event: int, s: ContactState, a: Two, low: float,
     floor: float,
@@ -149,7 +149,7 @@ def _apply_event(
     return s.locked, events.IMPACTS, impact(par, joint, t, y, n, k, eps, s.sides)
 
 
-@device_function
+@allocating_function
 def _longest_step(
     par: Array, joint: Array, t: float, i: Instant, y: Array, s: ContactState, slowing: float
 ) -> float:
@@ -169,7 +169,7 @@ def _longest_step(
     return longest
 
 
-@device_function
+@allocating_function
 def _suppress_bounce(par: Array, i: Instant, y: Array, s: ContactState, low: float) -> bool:
     """Zero the rate of a component whose bounce is lower than ``low``; whether there is one."""
     found = False
@@ -183,7 +183,7 @@ def _suppress_bounce(par: Array, i: Instant, y: Array, s: ContactState, low: flo
     return found
 
 
-@device_function
+@allocating_function
 def _advance_to_rest(
     par: Array, joint: Array, t: float, y: Array, k: Array, i: Instant, slowing: float
 ) -> float:
@@ -198,7 +198,7 @@ def _advance_to_rest(
     return h
 
 
-@device_function
+@allocating_function
 def _deceleration(par: Array, i: Instant, y: Array) -> float:
     """-d|s|/dt; 0 without friction."""
     law = model.law(par)
@@ -208,7 +208,7 @@ def _deceleration(par: Array, i: Instant, y: Array) -> float:
     return -(y[coordinates.SLIDE] * i.acceleration[0] + turning) / i.slip
 
 
-@device_function
+@allocating_function
 def _first_event(
     par: Array, joint: Array, t: float, y: Array, h: float, s: ContactState, slip: float,
     lock_side: float, k: Array, new: Array, system: Array, before: Array, values: Array,
@@ -227,7 +227,7 @@ def _first_event(
     return event, least
 
 
-@device_function
+@allocating_function
 def _shortest_step(par: Array, i: Instant, tolerance: float) -> float:
     """The shortest step: in a shorter one slip neither changes nor causes a motion."""
     radius = model.law(par).radius
@@ -238,14 +238,14 @@ def _shortest_step(par: Array, i: Instant, tolerance: float) -> float:
     return max(1e-12 * change, min(1e-6 * change, 1e-3 * tolerance / i.slip))
 
 
-@device_function
+@allocating_function
 def _switch_integrator(s: ContactState, strained: int, strain: float) -> ContactState:
     """The contact state with the integration method for the stiffness."""
     change = strained >= STIFF_STEPS if not s.stiff else strain <= NONSTIFF_STEP
     return ContactState(s.stuck, s.sides, s.locked, s.stiff != change, s.beyond_limit, s.until)
 
 
-@device_function
+@allocating_function
 def _step_to_event(
     par: Array, joint: Array, y: Array, end: float, tolerance: float, low: float,
     g: IntegrationState, k: Array, new: Array, system: Array, before: Array, values: Array,
@@ -278,8 +278,8 @@ def _step_to_event(
         last = False
     elif law.on and not s.stuck and not s.stiff:
         pull = stiffness_estimate(h, slip, law.radius, k)
-    y[:] = new
-    k[0] = k[STAGES]
+    for n in range(y.shape[0]):
+        y[n], k[0, n] = new[n], k[STAGES, n]
     t = end if last else t + h
     if s.stiff and event < 0 and i.slip > 0.0:
         pull = stiffness(par, joint, t, y, s.sides, i.slip, law.radius, k)
@@ -294,7 +294,7 @@ def _step_to_event(
     return state, StepEvent(kind, locked, restitution, tried.evaluations)
 
 
-@device_function
+@allocating_function
 def _restart_after_event(
     par: Array, joint: Array, y: Array, end: float, low: float, g: IntegrationState,
     what: StepEvent, log: Array, count: int, k: Array,

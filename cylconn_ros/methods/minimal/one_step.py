@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import allocating_function
 from cylconn_ros.core.joint_limits import Two
 from cylconn_ros.methods.minimal import coordinates
 from cylconn_ros.methods.minimal.derivatives import size_of, stage_derivatives
@@ -36,7 +36,7 @@ class StepResult(NamedTuple):
     evaluations: int
 
 
-@device_function
+@allocating_function
 def step(
     par: Array, joint: Array, t: float, y: Array, h: float, s: ContactState, slip: float, k: Array,
     new: Array, system: Array,
@@ -66,7 +66,7 @@ def step(
     return True
 
 
-@device_function
+@allocating_function
 def _error_norm(
     y: Array, new: Array, k: Array, h: float, n: int, tolerance: float, rate_tolerance: Two
 ) -> float:
@@ -87,7 +87,7 @@ def _error_norm(
     return abs(h) * fifth / math.sqrt((fifth + 0.01 * third) * n)
 
 
-@device_function
+@allocating_function
 def stiffness_estimate(h: float, slip: float, radius: float, k: Array) -> float:
     """Stiffness of friction on the slip direction, 1/s, estimated from an explicit step.
 
@@ -109,7 +109,7 @@ def stiffness_estimate(h: float, slip: float, radius: float, k: Array) -> float:
     return math.sqrt(a * a + (radius * b) ** 2) / apart
 
 
-@device_function
+@allocating_function
 def adaptive_step(
     par: Array, joint: Array, t: float, y: Array, h: float, s: ContactState, slip: float,
     least: float, floor: float, tolerance: float, before: Two, k: Array, new: Array,

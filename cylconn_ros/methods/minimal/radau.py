@@ -14,7 +14,7 @@ import math
 from typing import Final
 
 from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import device_function
+from cylconn_ros.core.jit import allocating_function
 from cylconn_ros.methods.minimal import coordinates
 from cylconn_ros.methods.minimal.derivatives import derivatives_at
 from cylconn_ros.methods.minimal.forces import Sides
@@ -38,7 +38,7 @@ ITERATIONS = 15
 Jacobian = tuple[float, float, float, float]
 
 
-@device_function
+@allocating_function
 def jacobian(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, slip: float, radius: float,
     k: Array,
@@ -62,7 +62,7 @@ def jacobian(
     )
 
 
-@device_function
+@allocating_function
 def stiffness(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, slip: float, radius: float,
     k: Array,
@@ -73,7 +73,7 @@ def stiffness(
     return math.sqrt(j[0] * j[0] + across + j[3] * j[3])
 
 
-@device_function
+@allocating_function
 def _solve6(m: Array) -> None:
     """Solve the 6x6 system of m (6, 7) in place; the last column becomes the solution."""
     for p in range(6):
@@ -92,7 +92,7 @@ def _solve6(m: Array) -> None:
         m[p, 6] /= m[p, p]
 
 
-@device_function
+@allocating_function
 def _newton_iteration(
     y: Array, h: float, j: Jacobian, slip: float, radius: float, k: Array, size: int, system: Array
 ) -> float:
@@ -126,7 +126,7 @@ def _newton_iteration(
     return change
 
 
-@device_function
+@allocating_function
 def stiff_step(
     par: Array, joint: Array, t: float, y: Array, h: float, sides: Sides, slip: float,
     radius: float, k: Array, new: Array, system: Array,
@@ -167,7 +167,7 @@ def stiff_step(
     return True
 
 
-@device_function
+@allocating_function
 def stiff_error(
     y: Array, new: Array, k: Array, n: int, tolerance: float, rate_tolerance: tuple[float, float]
 ) -> float:

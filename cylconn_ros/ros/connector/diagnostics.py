@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 
-from diagnostic_msgs.msg import DiagnosticStatus
-
 from cylconn_ros.connector import enums
 from cylconn_ros.connector.enums import named
-from cylconn_ros.core import layout
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus, StatusEncoder
+from cylconn_ros.ros.connector.problems import (
+    ERROR,
+    OK,
+    TIMEOUT,
+    WARN,
+    Problem,
+    latency_problem,
+    sample_problems,
+    solution_problems,
+    timeout_text,
+)
 from cylconn_ros.ros.connector.recorder import Recorder
 from cylconn_ros.ros.connector.watchdog import missing_topics
-from cylconn_ros.scene.inputs import BODIES
-from cylconn_ros.scene.scene import Scene
-from cylconn_ros.scene.schema import show
 
-OK, WARN, ERROR = (
-    level[0] for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-)
-
-_OTHER_INTEGRATION = {"exact": "semi_implicit", "semi_implicit": "exact"}
+_FORGOTTEN = 60.0  # s without a problem after which it is logged again
 
 
 @dataclasses.dataclass
@@ -33,7 +35,7 @@ class ConnectionStatus:
 
     incompatible: dict[str, str] = dataclasses.field(default_factory=dict)  # warning by topic
     other_types: dict[str, str] = dataclasses.field(default_factory=dict)  # warning by topic
-    lost: int = 0  # messages sent and never received
+    lost: dict[str, int] = dataclasses.field(default_factory=dict)  # never received, by topic
     timeouts: int = 0  # zero wrenches sent after an input timeout
     unpublished: int = 0  # outputs that the middleware did not accept
     unpublished_reason: str = ""
@@ -41,15 +43,9 @@ class ConnectionStatus:
     callback_error: str = ""
     timed_out: bool = False  # no sample within the timeout
     state: str = "unconfigured"  # of the lifecycle
-
-
-Problem = tuple[int, str]
-"""A level and a text."""
-
-
-def timeout_text(timeout: float) -> str:
-    """Warning about an input timeout (s)."""
-    return f"input timeout ({timeout:g} s): commanding zero wrench"
+    compiling: str = ""  # progress of a compilation; '' if nothing is being compiled
+    not_processed: int = 0  # samples that wait for it
+    new_parameters: bool = False  # whether accepted parameters wait for it
 
 
 class Monitor:
@@ -60,7 +56,11 @@ class Monitor:
             part: StatusEncoder(f"{node_name}: {part}", node_name)
             for part in ("samples", "solution", "topics", "recording")
         }
+        self._name = node_name
         self._before: dict[str, int] = {}
+        self._logged: dict[str, float] = {}  # when a problem was last present (s), by part and key
+        self._unlogged: list[tuple[int, str]] = []
+        self._latency = 0.0  # samples, at the last report
         self._time = time.monotonic()
 
     def report(
@@ -86,6 +86,18 @@ class Monitor:
             parts.append(self._recording(recorder))
         return parts
 
+    def take_log(self) -> list[tuple[int, str]]:
+        """Levels and texts for the log: the problems and hints that are new since the last call.
+
+        A problem is new once: when it was not present in the last _FORGOTTEN s.
+        """
+        texts, self._unlogged = self._unlogged, []
+        return texts
+
+    def forget(self) -> None:
+        """Let every problem be new again."""
+        self._logged.clear()
+
     def _samples(
         self, pipeline: MessagePipeline, health: Health, status: ConnectionStatus, elapsed: float
     ) -> EncodedStatus:
@@ -99,8 +111,14 @@ class Monitor:
             "repeated messages": counts.duplicate_messages,
             "incomplete samples": counts.incomplete,
             "late messages": counts.late,
+            "loads later than their sample": counts.late_loads,
+            "loads not used": counts.unused_loads,
+            "loads ahead of the samples": counts.early_loads,
             "non-finite": health.not_finite,
+            "too large": health.too_large,
+            "overflowed": health.overflowed,
             "bad quaternion": health.bad_quaternion,
+            "quaternion norm off": sum(health.off_norm),
             "no period": health.no_period,
             "off period": health.off_period,
             "undecodable": health.undecodable,
@@ -111,45 +129,26 @@ class Monitor:
             "commands refused": health.refused,
             "timeouts": status.timeouts,
         }
+        if status.compiling:
+            values["compiling"] = status.compiling
+            values["samples not yet processed"] = status.not_processed
         problems = self._sample_problems(pipeline, health, status)
         return self._encode("samples", problems, f"{rate:.0f} samples/s", values)
 
     def _sample_problems(
         self, pipeline: MessagePipeline, health: Health, status: ConnectionStatus
     ) -> Iterator[Problem]:
-        counts, scene = pipeline.matcher.counts, pipeline.scene
-        if self._is_new("failed", health.failed):
-            yield ERROR, f"computing a sample failed: {health.failure}; commanding zero wrench"
-        if self._is_new("non-finite", health.not_finite):
-            yield ERROR, "pose, twist or load is not finite: commanding zero wrench"
-        if self._is_new("bad quaternion", health.bad_quaternion):
-            yield ERROR, "orientation cannot be normalised (length 0): commanding zero wrench"
-        if self._is_new("undecodable", health.undecodable):
-            yield ERROR, f"a message cannot be decoded, ignored: {health.undecodable_text}"
-        if self._is_new("refused", health.refused):
-            yield WARN, f"command refused: {health.refusal}"
-        if self._is_new("no period", health.no_period):
-            yield WARN, "no time step between samples yet (period = 0.0: taken from the stamps)"
-        if self._is_new("off period", health.off_period):
-            yield (
-                WARN,
-                (
-                    f"stamps are {health.seen_period:g} s apart, period is {scene.period:g} s; "
-                    "set period to the spacing of the stamps, or to 0.0 to take it from them"
-                ),
-            )
-        if self._is_new("late", counts.late):
-            yield WARN, "messages older than the last sample arrive late, ignored"
-        if self._is_new("incomplete", counts.incomplete):
-            yield WARN, _incomplete_text(pipeline)
-        if self._is_new("restarts", counts.restarts):
-            yield WARN, "stamps went back: restarted with a new reference configuration"
-        if self._is_new("unknown frame_ids", counts.unknown_frames):
-            yield WARN, _unknown_frame_text(pipeline)
+        if status.compiling:
+            if status.new_parameters:
+                text = "new parameters are in force when their method is compiled"
+            else:
+                text = "the physics is being compiled: samples are kept and not yet processed"
+            yield Problem(WARN, "compiling", text)
+        yield from sample_problems(pipeline, health, self._is_new)
         if status.timed_out:
-            yield WARN, timeout_text(scene.timeout)
+            yield Problem(WARN, TIMEOUT, timeout_text(pipeline.scene.timeout))
         if status.state != "active":
-            yield WARN, f"the node is {status.state}"
+            yield Problem(WARN, f"state {status.state}", f"the node is {status.state}")
 
     def _solution(self, pipeline: MessagePipeline, health: Health) -> EncodedStatus:
         connector = pipeline.connector
@@ -163,7 +162,8 @@ class Monitor:
             "method": connector.method,
             "model": connector.model,
             "regime": regime,
-            "latency [samples]": connector.latency,
+            "latency [samples]": f"{connector.latency:.2f}",
+            "spread of the latency [samples]": f"{connector.latency_spread:.2f}",
             "saturated": health.saturated,
             "worst residual": f"{health.worst_residual:.3g}",
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
@@ -174,27 +174,18 @@ class Monitor:
             "locked": locked or "none",
             **{f"imposed on {name}": what for name, what in pipeline.imposed.items()},
         }
-        problems = self._solution_problems(pipeline.scene, health)
+        latency_before, self._latency = self._latency, connector.latency
+        problems = [
+            *solution_problems(connector, health, self._is_new),
+            *latency_problem(connector, latency_before),
+        ]
         return self._encode("solution", problems, fine, values)
-
-    def _solution_problems(self, scene: Scene, health: Health) -> Iterator[Problem]:
-        for flag, text in _flag_texts(scene, health):
-            if health.flags & flag:
-                yield WARN, text
-        if self._is_new("saturated", health.saturated):
-            yield (
-                WARN,
-                (
-                    f"wrenches are scaled down to the limits (limits.force = "
-                    f"{show(scene.limits.force)} N, limits.torque = {show(scene.limits.torque)} Nm)"
-                ),
-            )
 
     def _topics(self, pipeline: MessagePipeline | None, status: ConnectionStatus) -> EncodedStatus:
         values: dict[str, object] = {
             "incompatible QoS": len(status.incompatible),
             "other message types": len(status.other_types),
-            "dropped messages": status.lost,
+            "dropped messages": sum(status.lost.values()),
             "outputs not published": status.unpublished,
             "failed callbacks": status.failed_callbacks,
         }
@@ -205,21 +196,34 @@ class Monitor:
     def _topic_problems(
         self, pipeline: MessagePipeline | None, status: ConnectionStatus
     ) -> Iterator[Problem]:
-        for text in (*status.incompatible.values(), *status.other_types.values()):
-            yield WARN, text
+        for topic, text in (*status.incompatible.items(), *status.other_types.items()):
+            yield Problem(WARN, f"connection {topic}", text)
         if self._is_new("unpublished", status.unpublished):
-            yield ERROR, f"outputs were not published: {status.unpublished_reason}"
+            text = f"outputs were not published: {status.unpublished_reason}"
+            yield Problem(ERROR, "unpublished", text)
         if self._is_new("failed callbacks", status.failed_callbacks):
-            yield ERROR, f"a callback failed: {status.callback_error}"
-        if self._is_new("dropped", status.lost):
-            yield WARN, f"input messages were lost ({status.lost} so far): a queue overflowed"
-        missing = [] if pipeline is None else missing_topics(pipeline.matcher, pipeline.scene)
+            text = f"a callback failed: {status.callback_error}"
+            yield Problem(ERROR, text, text)
+        for topic, lost in status.lost.items():
+            if self._is_new(f"dropped {topic}", lost):
+                text = (
+                    f"{topic}: messages were lost ({lost} so far, expected none): a queue "
+                    "overflowed, the publisher is best effort, or they had no content"
+                )
+                yield Problem(WARN, f"dropped {topic}", text)
+        missing = (
+            []
+            if pipeline is None or status.compiling
+            else missing_topics(pipeline.matcher, pipeline.scene)
+        )
         if missing:
-            yield WARN, f"no message received yet on {', '.join(missing)}"
+            text = f"no message received yet on {', '.join(missing)}"
+            yield Problem(WARN, text, text)
 
     def _recording(self, recorder: Recorder) -> EncodedStatus:
         failure, running = recorder.failure, recorder.running
-        problems = [(ERROR, f"recording failed: {failure}")] if failure else []
+        text = f"recording failed: {failure}"
+        problems = [Problem(ERROR, text, text)] if failure else []
         values = {
             "recording": "yes" if running else "no",
             "directory": recorder.directory or "",
@@ -237,68 +241,14 @@ class Monitor:
     def _encode(
         self, part: str, problems: Iterable[Problem], fine: str, values: Mapping[str, object]
     ) -> EncodedStatus:
-        present = list(problems)
-        level = max((level for level, _ in present), default=OK)
-        message = "; ".join(text for _, text in present) or fine
+        present, now = list(problems), time.monotonic()
+        for problem in present:
+            key = f"{part}: {problem.key}"
+            if now - self._logged.get(key, -math.inf) > _FORGOTTEN and problem.key != TIMEOUT:
+                self._unlogged.append((problem.level, f"{self._name}: {part}: {problem.text}"))
+            self._logged[key] = now
+        level = max((problem.level for problem in present), default=OK)
+        least = WARN if level != OK else OK
+        texts = [problem.text for problem in present if problem.level >= least]
+        message = "; ".join(texts if level != OK else [fine, *texts])
         return self._encoders[part].encode(level, message, values)
-
-
-def _incomplete_text(pipeline: MessagePipeline) -> str:
-    missing = missing_topics(pipeline.matcher, pipeline.scene)
-    if missing:
-        names = ", ".join(missing)
-        return f"pose and twist with the same stamp never arrive together (missing: {names})"
-    return (
-        "samples stay incomplete: pose and twist with the same stamp do not both arrive before "
-        "the next sample is complete"
-    )
-
-
-def _unknown_frame_text(pipeline: MessagePipeline) -> str:
-    scene, seen = pipeline.scene, pipeline.matcher.unknown_frame
-    assert seen is not None
-    body = BODIES[seen.body]
-    odometry = scene.input == "odometry" and seen.quantity != "load"
-    expected = [scene.world_frame]
-    if seen.quantity != "pose":
-        expected.append(scene.bodies[seen.body].frame)
-    field = "child_frame_id" if odometry and seen.quantity == "twist" else "frame_id"
-    return (
-        f"{body}/{'odom' if odometry else seen.quantity}: unknown {field} {seen.frame!r} "
-        f"(expected {' or '.join(repr(frame) for frame in expected)}); "
-        f"treated as {seen.axes} axes"
-    )
-
-
-def _flag_texts(scene: Scene, health: Health) -> Iterator[tuple[int, str]]:
-    """Flags that call for a warning, with value expected and remedy."""
-    bodies = zip(("body_a", "body_b"), scene.bodies, strict=True)
-    moving = ", ".join(name for name, body in bodies if body.kind != "fixed")
-    yield (
-        layout.UNDERSAMPLED,
-        "undersampled: rotation per sample is above 0.5 rad; use a shorter period",
-    )
-    yield (
-        layout.TURN_AMBIGUOUS,
-        "number of turns is ambiguous: predicted and measured angle differ by more than pi/2; "
-        "check the twist, or use a shorter period",
-    )
-    yield (
-        layout.TWIST_CONTRADICTS,
-        f"{moving}: twist does not match pose differences; check its axes (frame_id, twist_axes) "
-        "and units",
-    )
-    yield (
-        layout.MISALIGNED,
-        f"correcting constraint drift: too large for one step (worst: {health.worst_offset:.3g} m, "
-        f"{health.worst_angle:.3g} rad)",
-    )
-    yield (
-        layout.GAINS_LOWERED,
-        "penalty gains lowered: those in the parameters are unstable at this period",
-    )
-    yield (
-        layout.INTEGRATION,
-        f"plant_integration = {scene.plant_integration!r} does not match the motion; measured "
-        f"integration is {_OTHER_INTEGRATION[scene.plant_integration]}",
-    )

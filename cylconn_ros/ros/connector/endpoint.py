@@ -7,7 +7,7 @@ one thread, recorded in one run and moved through the lifecycle together.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.duration import Duration
@@ -17,13 +17,20 @@ from cylconn_ros.messages.coupled_pipeline import CoupledPipeline
 from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline, Response
 from cylconn_ros.messages.topic_names import prefix_log
 from cylconn_ros.recording.writer import RunWriter
-from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor, timeout_text
+from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor
 from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus
+from cylconn_ros.ros.connector.held_messages import HeldMessages
+from cylconn_ros.ros.connector.problems import OK, log_model, timeout_text
 from cylconn_ros.ros.connector.recorder import Recorder, now
 from cylconn_ros.ros.connector.topics import Topics, is_triggering
-from cylconn_ros.ros.connector.watchdog import IncompleteSamples, Watchdog, WatchdogEvent
+from cylconn_ros.ros.connector.watchdog import (
+    IncompleteSamples,
+    LoadWait,
+    Watchdog,
+    WatchdogEvent,
+)
 from cylconn_ros.ros.executor import fused
-from cylconn_ros.ros.executor.executor import InputGroup, Receive
+from cylconn_ros.ros.executor.executor import InputGroup, InputSubscription, Receive
 from cylconn_ros.ros.executor.fused import FusedPath
 from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
 from cylconn_ros.scene.inputs import STREAM_NUMBER
@@ -37,7 +44,7 @@ class ConnectorEndpoint:
     ----------
         pipeline: processes the messages, from configuration to clean-up.
         topics: publishers and subscriptions. status: their connection status.
-        history: samples processed since the last reset.
+        history, remembered: samples since the last reset; since the memory was empty.
         coupled, partners: solver of connectors that share bodies, and its endpoints in order.
         forwards: by input, the endpoints and inputs that receive the same messages.
     """
@@ -50,8 +57,11 @@ class ConnectorEndpoint:
         recorder: Recorder,
         lock: Any,
         own_thread: bool,
+        held: HeldMessages,
     ) -> None:
         """``scene`` returns the scene in force; ``lock`` protects the pipeline.
+
+        ``held``: takes the messages while the physics is being compiled.
 
         ``own_thread``: a :class:`~cylconn_ros.ros.executor.executor.SampleExecutor` takes the
         inputs, not the node's executor.
@@ -60,17 +70,20 @@ class ConnectorEndpoint:
         self._node, self._scene, self._recorder, self._lock = node, scene, recorder, lock
         self.status = ConnectionStatus()
         self.topics = Topics(node, name, self.status, own_thread)
-        self._own_thread = own_thread
+        self._own_thread, self._held = own_thread, held
+        self._entries: list[InputSubscription] = []  # while inputs are open
         self._fused: FusedPath | None = None  # while inputs are open, if it is supported
         self.coupled: CoupledPipeline | None = None
         self.partners: list[ConnectorEndpoint] = []  # in the order of the members of ``coupled``
         self.forwards: dict[str, list[tuple[ConnectorEndpoint, str]]] = {}
         self.pipeline: MessagePipeline | None = None
-        self._prepared: MessagePipeline | None = None
+        self._prepared: MessagePipeline | None = None  # of parameters that are not yet in force
         self._processed_at = 0.0  # s, steady clock
+        self._load_wait = LoadWait()
         self._incomplete, self._watchdog = IncompleteSamples(), Watchdog()
         self._drawing = scene().markers  # fixed when the node starts
         self.history = 0
+        self.remembered = 0
         own_name = node.get_fully_qualified_name().strip("/")
         self._monitor = Monitor(f"{own_name}/{name}" if name else own_name)
 
@@ -78,11 +91,18 @@ class ConnectorEndpoint:
 
     def open_inputs(self) -> InputGroup:
         """Subscribe; return the subscriptions for a SampleExecutor."""
-        pipeline = self.pipeline
+        assert self.pipeline is not None
+        self._entries = self.topics.open_inputs(self.pipeline, self._receiver)
+        return self.input_group()
+
+    def input_group(self) -> InputGroup:
+        """The open subscriptions for a SampleExecutor, on the fused path if it can be used now."""
+        pipeline, entries = self.pipeline, self._entries
         assert pipeline is not None
-        entries = self.topics.open_inputs(pipeline, self._receiver)
-        if not self._can_fuse():
-            return InputGroup(entries)
+        if self._own_thread:  # it checks often enough to end a wait
+            pipeline.matcher.expects = self.topics.expects_load
+        if self._held.active or not self._can_fuse():
+            return InputGroup(entries, None, self._is_partial, self.end_waits)
         names = [name for name in pipeline.inputs if is_triggering(name)]
         triggering = [entry for entry in entries if entry.triggering]
         inputs = [
@@ -92,19 +112,41 @@ class ConnectorEndpoint:
             for name, entry in zip(names, triggering, strict=True)
         ]
         self._fused = FusedPath(inputs, self.topics.publishers, pipeline.parts, self._on_fused)
-        return InputGroup(entries, self._take_fused)
+        return InputGroup(entries, self._take_fused, self._is_partial, self.end_waits)
 
     def _can_fuse(self) -> bool:
         """Return True if this connector can use the fused path: alone, compiled, own thread."""
         alone = self.coupled is None and not self.forwards and not self.topics.remote
         return self._own_thread and alone and not fused.missing()
 
-    def _take_fused(self, on_error: Callable[[Exception], object]) -> int | None:
+    def _is_partial(self) -> bool:
+        """Return True if messages of a sample that is not processed are received."""
+        pipeline, coupled = self.pipeline, self.coupled
+        partial = pipeline is not None and pipeline.decoder.is_partial
+        return partial or (coupled is not None and coupled.is_partial)
+
+    def end_waits(self, now: float) -> None:
+        """Process a sample that has waited for its load long enough at ``now`` (steady clock)."""
+        assert self.pipeline is not None
+        if self._load_wait.is_over(self.pipeline, now):
+            self._publish_all(self.pipeline.give_up())
+
+    def _publish_all(self, outputs: Response | None) -> None:
+        """Publish and record the outputs of a sample, and of those that are complete after it."""
+        processed: list[tuple[ConnectorEndpoint, Response]] = []
+        self._respond(outputs, processed)
+        if self._recorder.running:
+            for endpoint, outputs in processed:
+                endpoint.record(outputs)
+
+    def _take_fused(
+        self, first: int | None, on_error: Callable[[Exception], object]
+    ) -> tuple[bool, int | None]:
         assert self._fused is not None
         writer = self._recorder.writer
         if writer is not self._fused.writer:
             self._fused.record(writer, [] if writer is None else self._channels(writer))
-        return self._fused.take(on_error)
+        return self._fused.take(first, on_error)
 
     def _channels(self, writer: RunWriter) -> list[int]:
         """Channel numbers of the fused path's inputs and outputs in the recording."""
@@ -127,11 +169,14 @@ class ConnectorEndpoint:
 
     def _receiver(self, name: str, topic: str) -> Receive:
         """Make the handler of messages of input ``name``, received on ``topic``."""
-        recorder = self._recorder
+        recorder, held = self._recorder, self._held
         receivers = [(self, name), *self.forwards.get(name, ())]
 
         def receive(data: bytes) -> bool:
             """Process, publish, record; return True if a sample was complete."""
+            if held.active:
+                held.add((self.name, name), receive, data)
+                return False
             recording = recorder.running
             received_at = now() if recording else 0
             processed: list[tuple[ConnectorEndpoint, Response]] = []
@@ -149,17 +194,22 @@ class ConnectorEndpoint:
         self, name: str, data: bytes, processed: list[tuple[ConnectorEndpoint, Response]]
     ) -> None:
         """Process a message of an input; publish the outputs and append them to ``processed``."""
-        pipeline = self.pipeline
-        assert pipeline is not None
-        outputs = pipeline.inputs[name].receive(data)
-        if outputs is None:
-            return
-        self._publish(outputs)
-        processed.append((self, outputs))
-        if self.coupled is not None:
-            for k, other in self.coupled.take_responses().items():
-                self.partners[k]._publish(other)
-                processed.append((self.partners[k], other))
+        assert self.pipeline is not None
+        self._respond(self.pipeline.inputs[name].receive(data), processed)
+
+    def _respond(
+        self, outputs: Response | None, processed: list[tuple[ConnectorEndpoint, Response]]
+    ) -> None:
+        """Publish the outputs of a sample, and of those that are complete after it."""
+        assert self.pipeline is not None
+        while outputs is not None:
+            self._publish(outputs)
+            processed.append((self, outputs))
+            if self.coupled is not None:
+                for k, other in self.coupled.take_responses().items():
+                    self.partners[k]._publish(other)
+                    processed.append((self.partners[k], other))
+            outputs = self.pipeline.next()
 
     def _publish(self, outputs: Response) -> None:
         self.topics.publish(outputs)
@@ -168,6 +218,7 @@ class ConnectorEndpoint:
     def _published(self, stamp: int, samples: int) -> None:
         self._processed_at = time.monotonic()
         self.history += samples
+        self.remembered += samples
         if self._drawing and self.pipeline is not None:
             self.topics.draw(stamp, self.pipeline)
 
@@ -188,6 +239,8 @@ class ConnectorEndpoint:
             return watchdog.due
         with self._lock:
             pipeline.flush()
+            self._publish_all(pipeline.next())
+            self.end_waits(now)
             scene, last = self._scene(), self._processed_at if self.history else None
         logger = self._node.get_logger()
         warning = self._incomplete.check(pipeline.matcher, scene, now)
@@ -213,31 +266,67 @@ class ConnectorEndpoint:
 
     def report(self, recorder: Recorder | None) -> list[EncodedStatus]:
         """Diagnostics of the connector, and of the recording if ``recorder`` is given."""
+        self.status.not_processed, self.status.new_parameters = (
+            self.not_processed,
+            self.has_prepared,
+        )
         with self._lock:  # events during the report belong to the next one
             health = None if self.pipeline is None else self.pipeline.health.report()
         return self._monitor.report(self.pipeline, recorder, self.status, health)
 
+    def log_new_problems(self) -> None:
+        """Log each problem once: when it is new (:class:`Monitor`)."""
+        logger = self._node.get_logger()
+        for level, text in self._monitor.take_log():
+            if level == OK:
+                logger.info(text)
+            else:
+                logger.warning(text)
+
     # --- lifecycle and parameters ----------------------------------------------------------------
 
     def configure(self) -> tuple[str, str]:
-        """Create pipeline and publishers; return what is modelled, and what is not."""
-        self.pipeline = MessagePipeline(self._scene())
+        """Create pipeline and publishers; return what is modelled, and what is not.
+
+        The kernels of the pipeline are not loaded yet (:meth:`load_kernels`).
+        """
+        self.pipeline, self.coupled = MessagePipeline(self._scene(), load=False), None
         self.pipeline.wanted = self._wanted
         self.topics.open_outputs(self._scene())
-        if self._can_fuse():
-            fused.prepare(self.pipeline.parts)
         connector = self.pipeline.connector
         return connector.model, connector.not_modelled
+
+    def load_kernels(self) -> None:
+        """Load or compile the kernels for the scene in force, and for the one to come."""
+        for pipeline in (self.pipeline, self._prepared):
+            if pipeline is not None and not pipeline.is_loaded:
+                pipeline.load_kernels()
+                if self._can_fuse():
+                    fused.prepare(pipeline.parts)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the inputs are open."""
+        return bool(self._entries)
+
+    @property
+    def not_processed(self) -> int:
+        """Samples that have arrived and wait until the physics is compiled."""
+        inputs = () if self.pipeline is None else self.pipeline.inputs
+        own = [name for name in inputs if is_triggering(name) and name not in self.topics.remote]
+        return self._held.samples((self.name, name) for name in own) if self._held.active else 0
 
     def activate(self) -> None:
         """Start a new history."""
         assert self.pipeline is not None
+        self._monitor.forget()
         self.pipeline.release()  # a command received before deactivation may be out of date
         self.reset()
 
     def deactivate(self) -> None:
         """Unsubscribe, and send a last zero wrench."""
         self.topics.close_inputs()
+        self._entries = []
         if self._fused is not None:
             self._fused.close()
             self._fused = None
@@ -254,22 +343,38 @@ class ConnectorEndpoint:
 
     def reset(self) -> None:
         """Forget the reference configuration and all history."""
-        assert self.pipeline is not None
-        self.pipeline.reset()
+        pipeline = self.pipeline
+        assert pipeline is not None
+        while pipeline.decoder.waiting is not None:  # it belongs to the history that ends
+            self._publish_all(pipeline.give_up())
+        pipeline.reset()
         if self.coupled is not None:
             self.coupled.reset()
         self.history = 0
+        if pipeline.scene.latency == 0:
+            self.remembered = 0
         self._watchdog.reset()
         self.status.timed_out = False
 
-    def prepare(self, scene: Scene) -> None:
-        """Create the pipeline of a changed scene; raise SceneError if it cannot be used."""
-        if self.pipeline is not None:
-            self._prepared = MessagePipeline(scene)
-            self._prepared.keep_imposed(self.pipeline)
+    def make(self, scene: Scene) -> MessagePipeline | None:
+        """The pipeline of a changed scene; raises SceneError if it cannot be used."""
+        if self.pipeline is None:
+            return None
+        made = MessagePipeline(scene, load=False)
+        made.keep_imposed(self.pipeline)
+        return made
+
+    def prepare(self, made: MessagePipeline | None) -> None:
+        """Let :meth:`apply` put a pipeline in force, in place of one prepared before."""
+        self._prepared = made
+
+    @property
+    def has_prepared(self) -> bool:
+        """Whether parameters have been accepted that are not in force yet."""
+        return self._prepared is not None
 
     def apply(self) -> None:
-        """Put the prepared pipeline in force."""
+        """Put the prepared pipeline in force; its kernels have been loaded."""
         prepared, previous, self._prepared = self._prepared, self.pipeline, None
         if prepared is None or previous is None:
             return
@@ -289,11 +394,3 @@ class ConnectorEndpoint:
             log_model(logger, [self.name], *model)
         if not prepared.continues:
             logger.info(prefix_log(self.name, "the next sample is the reference configuration"))
-
-
-def log_model(logger: Any, connectors: Sequence[str], model: str, not_modelled: str) -> None:
-    """Log what is modelled, at info level, and what is not, at debug level."""
-    names = ", ".join(connectors)
-    logger.info(prefix_log(names, model))
-    if not_modelled:
-        logger.debug(prefix_log(names, f"not modelled: {not_modelled}"))

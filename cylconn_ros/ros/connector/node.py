@@ -10,27 +10,31 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cylconn_ros.errors import RecordingError, SceneError
+from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.messages.topic_names import prefix_log
-from cylconn_ros.methods.coupled import complete_coupled
-from cylconn_ros.methods.dispatch import step
 from cylconn_ros.ros import run_node
 from cylconn_ros.ros.arguments import Arguments
-from cylconn_ros.ros.connector.diagnostics import OK
 from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus, encode_diagnostics
-from cylconn_ros.ros.connector.endpoint import ConnectorEndpoint, log_model
+from cylconn_ros.ros.connector.endpoint import ConnectorEndpoint
+from cylconn_ros.ros.connector.held_messages import HeldMessages
+from cylconn_ros.ros.connector.loading import KernelLoader, Samples, input_groups
 from cylconn_ros.ros.connector.open_recording import open_recording
 from cylconn_ros.ros.connector.parameters import SceneParameters, differences, ros_part
+from cylconn_ros.ros.connector.problems import log_model
 from cylconn_ros.ros.connector.recorder import Recorder
 from cylconn_ros.ros.connector.shared_bodies import couple_connectors, share_body_topics
 from cylconn_ros.ros.connector.topics import check_qos_overrides
 from cylconn_ros.ros.executor import executor, fused
+from cylconn_ros.ros.lifecycle import answer_unavailable_transitions
 from cylconn_ros.scene.parameter_file import scene_part
 from cylconn_ros.scene.scene import Scene, several
 
@@ -63,6 +67,7 @@ class ConnectorNode(LifecycleNode):
         """Take dotted parameters; ``node_arguments`` go to the ROS node (namespace, context …)."""
         scenes = several(scene_part(parameters))
         super().__init__("connector", parameter_overrides=ros_part(parameters), **node_arguments)
+        answer_unavailable_transitions(self)
         self.done = Future()
         self.failure = ""  # reason of the last failed transition
         self.parameters = SceneParameters(self, scenes, self._prepare, self._apply)
@@ -83,9 +88,9 @@ class ConnectorNode(LifecycleNode):
             if missing
             else executor.SampleExecutor(self, self._lock, self.handle_error, self._check)
         )
+        self._held = HeldMessages()
         self._connectors = [self._endpoint(name) for name in scenes]
         self._groups = share_body_topics(self._connectors, scenes)
-        self._logged: dict[str, str] = {}  # last warning in the log, by diagnostics name
         check_qos_overrides(
             self, parameters, {one.topics: scenes[one.name] for one in self._connectors}
         )
@@ -95,6 +100,11 @@ class ConnectorNode(LifecycleNode):
         self._due = 0.0  # time of the next check (s, steady clock)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._loader = KernelLoader(
+            self, self._steady, Samples(self._groups, self._executor, self._lock, self._held),
+            lambda: self.parameters.scenes, self._put_in_force,
+        )  # fmt: skip
+        self._made: list[tuple[ConnectorEndpoint, MessagePipeline | None]] = []
         self._per_round = min(math.ceil(len(scenes) / _ROUNDS), _MOST)
         rounds = math.ceil(len(scenes) / self._per_round)
         self.create_timer(_REPORTS / rounds, self._diagnose, clock=self._steady)
@@ -110,8 +120,9 @@ class ConnectorNode(LifecycleNode):
     def _endpoint(self, name: str) -> ConnectorEndpoint:
         own_thread = self._executor is not None
         return ConnectorEndpoint(
-            self, name, lambda: self.parameters.scenes[name], self.recorder, self._lock, own_thread
-        )
+            self, name, lambda: self.parameters.scenes[name], self.recorder, self._lock, own_thread,
+            self._held,
+        )  # fmt: skip
 
     @property
     def scene(self) -> Scene:
@@ -144,22 +155,21 @@ class ConnectorNode(LifecycleNode):
         parts: list[EncodedStatus] = []
         for connector in those:
             recorder = self.recorder if connector is self._connectors[0] else None
+            connector.status.compiling = self._loader.progress
             parts += connector.report(recorder)
         self._diagnostics.publish(encode_diagnostics(self.get_clock().now().nanoseconds, parts))
-        for part in parts:  # a warning is logged when its text changes; counts are in the report
-            bad = part.level != OK
-            if bad and self._logged.get(part.name) != part.message:
-                self.get_logger().warning(f"{part.name}: {part.message}")
-            self._logged[part.name] = part.message if bad else ""
+        for connector in those:
+            connector.log_new_problems()
 
     def _check_types(self) -> None:
-        """Query the graph for publishers of another message type on the inputs."""
+        """Query the graph for peers of another message type or with incompatible QoS."""
         now = time.monotonic()
         if now >= self._graph_due:
             self._graph_due = now + _GRAPH
             graph = dict(self.get_topic_names_and_types())
             for connector in self._connectors:
                 connector.topics.check_types(graph)
+                connector.topics.withdraw_incompatible()
 
     def handle_error(self, error: Exception) -> bool:
         """Count and log an exception of a callback; return True: the node continues."""
@@ -211,6 +221,7 @@ class ConnectorNode(LifecycleNode):
 
     def finish(self) -> None:
         """Shut down in order: zero wrenches, recording, publishers."""
+        self._loader.close()
         if self.state != "finalized":
             self.trigger_shutdown()
 
@@ -229,18 +240,12 @@ class ConnectorNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self, _state: LifecycleState) -> None:
-        run_node.announce_compiling(step, self.get_logger().info)
         by_model: dict[tuple[str, str], list[str]] = {}
         for connector in self._connectors:
             by_model.setdefault(connector.configure(), []).append(connector.name)
-        if len(self._groups) < len(self._connectors):
-            run_node.announce_compiling(complete_coupled, self.get_logger().info)
-        for group in self._groups:
-            text = couple_connectors(group)
-            if text:
-                self.get_logger().info(text)
         for model, names in by_model.items():
             log_model(self.get_logger(), names, *model)
+        self._held.active = not self._loader.load()
 
     def _activate(self, _state: LifecycleState) -> None:
         for connector in self._connectors:
@@ -250,17 +255,17 @@ class ConnectorNode(LifecycleNode):
                 self.get_logger().info(self._open_recording())
             except RecordingError as error:
                 self.get_logger().error(f"{error}; running without a recording")
-        groups = [
-            executor.merge_groups([one.open_inputs() for one in group]) for group in self._groups
-        ]
+        for connector in self._connectors:
+            connector.open_inputs()
         if self._executor is not None:
-            self._executor.open(groups)
+            self._executor.open(input_groups(self._groups))
 
     def _deactivate(self, _state: LifecycleState) -> None:
         if self.state != "active":
             return
         if self._executor is not None:
             self._executor.close()
+        self._loader.drop_samples()
         for connector in self._connectors:
             connector.deactivate()
         end = time.monotonic() + _ACKNOWLEDGE
@@ -280,7 +285,7 @@ class ConnectorNode(LifecycleNode):
 
     def _start_recording(self, _request: Any, response: Any) -> Any:
         with self._lock:
-            return self._respond(response, self._open_recording)
+            return self._respond(response, self._begin_recording)
 
     def _stop_recording(self, _request: Any, response: Any) -> Any:
         return self._respond(response, self.recorder.stop)
@@ -301,6 +306,14 @@ class ConnectorNode(LifecycleNode):
             self.get_logger().error(response.message)
         return response
 
+    def _begin_recording(self) -> str:
+        if not self._held.active and any(one.has_prepared for one in self._connectors):
+            raise RecordingError(
+                "parameters are not in force yet, because their method is being compiled "
+                f"({self._loader.progress}); call again when it is"
+            )
+        return self._open_recording()
+
     def _open_recording(self) -> str:
         directory = open_recording(self.recorder, self, self.scene.record, self._connectors)
         return f"recording to {directory}"
@@ -316,15 +329,24 @@ class ConnectorNode(LifecycleNode):
                 return "reset: the next sample is the reference configuration"
             return f"reset; {self.recorder.stop()}; {self._open_recording()}"
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters; one that keeps its value changes nothing, even if it is read-only."""
+        changes = self.parameters.changes(parameter_list)
+        if parameter_list and not changes:
+            return SetParametersResult(successful=True)
+        return super().set_parameters_atomically(changes)
+
     def _prepare(self, scenes: Mapping[str, Scene]) -> None:
         """Create the pipelines of changed scenes before the change is accepted."""
         for scene in scenes.values():
             self.recorder.check(scene.record.directory)
         if self.recorder.running:
             raise SceneError("parameters cannot change during a recording; call ~/stop_recording")
-        for connector in self._connectors:
-            if connector.name in scenes:
-                connector.prepare(scenes[connector.name])
+        self._made = [
+            (connector, connector.make(scenes[connector.name]))
+            for connector in self._connectors
+            if connector.name in scenes
+        ]
 
     def _apply(self, scenes: Mapping[str, Scene], before: Mapping[str, Scene]) -> None:
         for connector in self._connectors:
@@ -337,12 +359,21 @@ class ConnectorNode(LifecycleNode):
                 self.get_logger().info(
                     prefix_log(name, f"parameters changed: {changes or 'nothing'}")
                 )
+        for connector, made in self._made:
+            connector.prepare(made)
+        if self._loader.load() or self._held.active:
+            self._put_in_force()
+        elif any(connector.has_prepared for connector in self._connectors):
+            self.get_logger().info("the parameters are in force when their method is compiled")
+
+    def _put_in_force(self) -> None:
+        """Use the parameters that have been accepted from the next sample on."""
         with self._lock:
             for connector in self._connectors:
-                if connector.name in scenes:
-                    connector.apply()
-            for group in self._groups:
-                couple_connectors(group)
+                connector.apply()
+            if not self._held.active:
+                for group in self._groups:
+                    couple_connectors(group)
             self._due = 0.0  # the timeout may have changed
 
 

@@ -43,7 +43,7 @@ def open_recording(
         "parameters": dump_several(
             {one.name: pipeline.scene_in_force for one, pipeline in open_ones}
         ),
-        "samples_before": str(sum(one.history for one in endpoints)),  # 0: can be replayed
+        "samples_before": str(sum(one.remembered for one in endpoints)),  # 0: can be replayed
         "connectors": json.dumps(connectors),
     }
     topics = {
@@ -55,6 +55,6 @@ def open_recording(
         wanted.directory, node.get_name(), list(topics.values()), metadata, wanted.compression
     )
     for one, pipeline in open_ones:
-        for name, data in pipeline.loads.items():  # loads in force at the first sample
+        for name, data in pipeline.loads.current(pipeline.matcher.last_stamp):
             recorder.write(one.topics.resolved(name), data, now())
     return directory

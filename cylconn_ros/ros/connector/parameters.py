@@ -1,8 +1,14 @@
-"""ROS parameters of a scene: declared from the schema, changed all at once or not at all."""
+"""ROS parameters of a scene: declared from the schema, changed all at once or not at all.
+
+A value is kept in the type of its parameter, whatever ROS type it is set with: ``1`` is kept as
+1.0. ``ros2 param load`` sends some numbers of a dump as texts (``inf``, ``nan``, ``1e-06``, ``[inf,
+0.0]``); they are read as numbers. A parameter that is set to "not set" gets its default.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,7 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene import multiple, shared_bodies
-from cylconn_ros.scene.parameter_file import ROS_PARAMETERS
+from cylconn_ros.scene.parameter_file import ROS_PARAMETERS, parse
 from cylconn_ros.scene.scene import Scene, schema
 from cylconn_ros.scene.schema import Parameter, Value, show
 
@@ -54,6 +60,7 @@ def declare(node: Node, scenes: Mapping[str, Scene]) -> dict[str, list[tuple[str
     Returns, by ROS parameter, the connectors and the parameters of their scenes that it sets.
     """
     places: dict[str, list[tuple[str, str]]] = {}
+    empty: list[RosParameter] = []
     if multiple.ONE not in scenes:
         node.declare_parameter(multiple.CONNECTORS, list(scenes), _CONNECTORS, ignore_override=True)
     table = schema()
@@ -65,6 +72,9 @@ def declare(node: Node, scenes: Mapping[str, Scene]) -> dict[str, list[tuple[str
             if len(places[ros_name]) == 1:
                 descriptor = describe(dataclasses.replace(table[name], name=ros_name))
                 node.declare_parameter(ros_name, _to_ros(value), descriptor, ignore_override=True)
+                if value == ():  # rclpy declares an empty list as one of bytes
+                    empty.append(_ros_parameter(ros_name, value))
+    Node.set_parameters_atomically(node, empty)
     return places
 
 
@@ -84,11 +94,28 @@ class SceneParameters:
         apply: Callable[[Mapping[str, Scene], Mapping[str, Scene]], None],
     ) -> None:
         self.scenes = dict(scenes)
+        self._node = node
         self._next: dict[str, Scene] = {}
         self._prepare, self._apply = prepare, apply
         self._places = declare(node, scenes)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._changed)
+
+    def changes(self, parameters: Sequence[RosParameter]) -> list[RosParameter]:
+        """The given parameters that would change, with their values in the types of the schema.
+
+        A value that the schema refuses is returned as it was given.
+        """
+        found = []
+        for parameter in parameters:
+            places = self._places.get(parameter.name)
+            wanted = parameter if places is None else _typed(parameter, schema()[places[0][1]])
+            if not (
+                self._node.has_parameter(parameter.name)
+                and _same(self._node.get_parameter(parameter.name), wanted)
+            ):
+                found.append(wanted)
+        return found
 
     def _check(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         values: dict[str, dict[str, Any]] = {}
@@ -96,8 +123,7 @@ class SceneParameters:
         for parameter in parameters:
             for connector, name in self._places.get(parameter.name, ()):
                 changed = values.setdefault(connector, dict(self.scenes[connector].parameters()))
-                unset = parameter.value is None
-                changed[name] = schema()[name].default if unset else parameter.value
+                changed[name] = parameter.value
         try:
             scenes = {}
             for connector, given in values.items():
@@ -132,6 +158,43 @@ def differences(before: Scene, after: Scene) -> Iterator[tuple[str, str, str]]:
             yield name, show(old[name]), show(value)
 
 
+def _typed(parameter: RosParameter, rules: Parameter) -> RosParameter:
+    """The parameter in the type of the schema; as given if the schema refuses it."""
+    value = parameter.value
+    if isinstance(value, str) and rules.kind != "str":
+        value = _from_text(value)
+    if value is None:
+        value = rules.default
+    try:
+        return _ros_parameter(parameter.name, rules.check(value))
+    except SceneError:
+        return parameter
+
+
+def _from_text(text: str) -> Any:
+    """The numbers in a text as Python writes them (inf, nan, 1e-06, None), or the text itself."""
+    words = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan, "None": None}
+    try:
+        value = parse(text)
+    except SceneError:
+        return text
+    if isinstance(value, list):
+        return [words.get(item, item) if isinstance(item, str) else item for item in value]
+    return words.get(value, value) if isinstance(value, str) else value
+
+
+def _same(present: RosParameter, wanted: RosParameter) -> bool:
+    """Whether two parameters have the same type and value."""
+    return present.type_ == wanted.type_ and show(present.value) == show(wanted.value)
+
+
+def _ros_parameter(name: str, value: Value) -> RosParameter:
+    """A ROS parameter with a value of the schema; a list is one of doubles, even if it is empty."""
+    if isinstance(value, tuple):
+        return RosParameter(name, RosParameter.Type.DOUBLE_ARRAY, list(value))
+    return RosParameter(name, value=value)
+
+
 def _to_ros(value: Value) -> Any:
-    """Convert to a ROS value; ROS has no empty list of doubles: not set (None)."""
+    """Convert to a value that rclpy can declare; None for an empty list."""
     return (list(value) or None) if isinstance(value, tuple) else value

@@ -11,6 +11,7 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 from visualization_msgs.msg import MarkerArray
 
+from cylconn_ros.connector.load_history import IF_REGULAR, NO
 from cylconn_ros.errors import SceneError
 from cylconn_ros.messages import pipeline as messages
 from cylconn_ros.messages import topic_names
@@ -22,7 +23,7 @@ from cylconn_ros.ros.connector.markers import RATE, Markers
 from cylconn_ros.ros.executor import rcl
 from cylconn_ros.ros.executor.executor import InputSubscription, Receive
 from cylconn_ros.ros.message_types import message_class
-from cylconn_ros.scene.inputs import STREAM_NUMBER
+from cylconn_ros.scene.inputs import BODIES, LOAD, STREAM_NUMBER
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
 
@@ -105,7 +106,7 @@ class Topics:
             if name in self.remote:
                 continue
             topic = self.resolved(name)
-            profile = qos.samples()
+            profile = qos.samples(pipeline.scene.qos.reliability)
             receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
@@ -118,7 +119,8 @@ class Topics:
             )
             self._names[name] = (topic, wanted.type, profile)
             made = self._subscriptions[name]
-            entries.append(InputSubscription(made, receive, self._lost, is_triggering(name)))
+            lost = functools.partial(self._lost, topic)
+            entries.append(InputSubscription(made, receive, lost, is_triggering(name)))
         return entries
 
     def close_inputs(self) -> None:
@@ -150,6 +152,14 @@ class Topics:
     def has_subscribers(self, name: str) -> bool:
         """Return True if an output has at least one subscription."""
         return self._count_subscribers[name]() > 0
+
+    def expects_load(self, body: int, _stamp: int) -> int:
+        """Whether the first sample of a history waits for the load of a body: if it is published.
+
+        See ``SampleMatcher.expects``.
+        """
+        topic = self.resolved(f"{BODIES[body]}/{LOAD.topic}")
+        return IF_REGULAR if self._node.count_publishers(topic) else NO
 
     def draw(self, stamp: int, pipeline: MessagePipeline) -> None:
         """Publish markers, at most RATE times per second."""
@@ -196,12 +206,26 @@ class Topics:
             publisher.wait_for_all_acked(timeout)
 
     def _incompatible(self, topic: str, is_input: bool, policy: str) -> None:
-        text = qos.incompatible(topic, policy, is_input)
-        self._status.incompatible[topic] = text
-        self._node.get_logger().warning(text)
+        self._status.incompatible[topic] = qos.incompatible(topic, policy, is_input)
 
-    def _lost(self, count: int) -> None:
-        self._status.lost += count
+    def withdraw_incompatible(self) -> None:
+        """Forget warnings about incompatible QoS whose peers have gone or changed."""
+        warnings, profiles = self._status.incompatible, {}
+        if warnings:
+            profiles = {topic: (name, profile) for name, (topic, _, profile) in self._names.items()}
+        for topic in list(warnings):
+            name, profile = profiles[topic]
+            if name in self._subscriptions:
+                peers = self._node.get_publishers_info_by_topic(topic)
+                pairs = [(peer.qos_profile, profile) for peer in peers]
+            else:
+                peers = self._node.get_subscriptions_info_by_topic(topic)
+                pairs = [(profile, peer.qos_profile) for peer in peers]
+            if all(qos.are_compatible(*pair) for pair in pairs):
+                del warnings[topic]
+
+    def _lost(self, topic: str, count: int) -> None:
+        self._status.lost[topic] = self._status.lost.get(topic, 0) + count
 
     def check_types(self, graph: Mapping[str, Sequence[str]]) -> None:
         """Find publishers of another message type; ``graph``: message types by topic."""

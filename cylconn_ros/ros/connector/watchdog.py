@@ -1,16 +1,24 @@
-"""Watch the inputs of a connector: timeout, and why samples stay incomplete."""
+"""Watch the inputs of a connector: timeout, incomplete samples, samples that wait for loads."""
 
 from __future__ import annotations
 
 import enum
+from typing import Final
 
 from cylconn_ros.connector.synchronizer import SampleMatcher
+from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.scene.inputs import carrier
 from cylconn_ros.scene.scene import Scene
 
 SOON, LONGEST = 0.1, 1.0  # s, greatest time between checks: after a timeout, and otherwise
 PATIENCE = 2.0  # s with messages but no complete sample before the first warning
 _AGAIN = 30.0  # s between further warnings
+
+
+LOAD_WAIT: Final = 0.005
+"""Longest wait in s if messages of a newer sample are received; one period if that is shorter."""
+LONGEST_LOAD_WAIT: Final = 0.02
+"""Longest wait in s: a simulator in lock step sends no newer sample, and loses nothing by it."""
 
 
 class WatchdogEvent(enum.Enum):
@@ -82,6 +90,24 @@ class IncompleteSamples:
         received = ", ".join(f"{_topic(scene, name)} {n}" for name, n in counts.items() if n)
         reason = _reason(matcher, scene)
         return f"no complete sample in {now - self._begin:.0f} s; received: {received}; {reason}"
+
+
+class LoadWait:
+    """Find out when a sample has waited for its load long enough (connector/load_history.py)."""
+
+    def __init__(self) -> None:
+        self._stamp: int | None = None  # of the sample that waits
+        self._since = 0.0
+
+    def is_over(self, pipeline: MessagePipeline, now: float) -> bool:
+        """Check the oldest sample that waits at ``now`` (s, steady clock); True if it may not."""
+        stamp = pipeline.decoder.waiting
+        if stamp is None or stamp != self._stamp:
+            self._stamp, self._since = stamp, now
+            return False
+        waited, period = now - self._since, pipeline.scene.period
+        enough = min(period, LOAD_WAIT) if period else LOAD_WAIT
+        return waited >= LONGEST_LOAD_WAIT or (waited >= enough and pipeline.decoder.is_overtaken)
 
 
 def missing_topics(matcher: SampleMatcher, scene: Scene) -> list[str]:

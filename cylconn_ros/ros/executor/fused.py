@@ -15,9 +15,9 @@ import numpy as np
 from cylconn_ros.connector import batch
 from cylconn_ros.core import layout
 from cylconn_ros.core.jit import COMPILED, call, device_function, inline_function, kernel
-from cylconn_ros.messages import prefix_decoder
-from cylconn_ros.messages.pipeline import PipelineParts
-from cylconn_ros.messages.prefix_decoder import COMPLETE, MAX_BYTES
+from cylconn_ros.messages import partial_sample, prefix_decoder
+from cylconn_ros.messages.output_messages import PipelineParts
+from cylconn_ros.messages.prefix_decoder import MAX_BYTES
 from cylconn_ros.messages.statistics import count as count_sample
 from cylconn_ros.messages.templates import BEGIN, COUNT, SIZE, write
 from cylconn_ros.recording.mcap.chunk_buffer import ChunkBuffer
@@ -31,15 +31,16 @@ _WRENCHES: Final = 2  # the first outputs, which are published even without subs
 
 # Status block exchanged with _serve().
 MISMATCH: Final = 0  # index of the input whose message does not match its template; -1: none
-LAST: Final = 1  # index of the input that completed the last sample; -1: none
+LAST: Final = 1  # index of the input with the last message of a sample's motion; -1: none
 STAMP: Final = 2  # of the last sample, ns
 PREVIOUS: Final = 3  # stamp of the sample before it, ns
 HAS_PREVIOUS: Final = 4  # whether there was one
 UNPUBLISHED: Final = 5  # messages that could not be published
-NEXT: Final = 6  # index of the input to begin with: the one after MISMATCH
+NEXT: Final = 6  # place in the order of the input to begin with: the one after MISMATCH
 MOST: Final = 7  # samples that one call may process
 RECORDING: Final = 8  # whether messages are recorded
-NSTATUS: Final = 9
+FIRST: Final = 9  # index of the input to take first, whose end ends a call; -1: none
+NSTATUS: Final = 10
 _ALL = 1 << 30
 _NO_CHUNK = ChunkBuffer(0, np.zeros((2, 1), np.int64)).arrays
 _MOST_RECORDED = 4  # samples per call while recording
@@ -73,26 +74,28 @@ def _is_wanted(k: int, addresses: Any, clock: Any, publishers: Any) -> bool:
 def _accept(
     stream: int, begin: int, source: int, size: int,
     addresses: Any, memory_address: int, words: Any, columns: Any, prefixes: Any, partial: Any,
+    load_state: Any,
 ) -> int:  # fmt: skip
     """Copy a message at address ``source`` to its row and match it with its template."""
-    received = partial[prefix_decoder.RECEIVED] & prefix_decoder.quantities(stream, columns)
+    received = partial[partial_sample.RECEIVED] & partial_sample.quantities(stream, columns)
     if size > MAX_BYTES or received != 0:
-        return prefix_decoder.MISMATCH
+        return partial_sample.MISMATCH
     call(addresses[rcl.COPY], memory_address + begin, source, size, 0)
-    return prefix_decoder.accept(stream, begin, size, words, columns, prefixes, partial)
+    return partial_sample.accept(stream, begin, size, words, columns, prefixes, partial, load_state)
 
 
 @inline_function
 def _step(
-    addresses: Any, clock: Any, partial: Any, columns: Any, numbers: Any, loads: Any, axes: Any,
-    sample: Any, method: int, par: Any, mem: Any, period: float, out: Any,
+    addresses: Any, clock: Any, partial: Any, columns: Any, numbers: Any, loads: Any,
+    load_state: Any,
+    sample: Any, handle: Any, par: Any, mem: Any, period: float, out: Any,
 ) -> float:  # fmt: skip
     """Write ``sample``, compute ``out`` and return the seconds since the last sample."""
     began = _now(addresses, clock)
-    prefix_decoder.write_sample(numbers, columns, partial, loads, axes, sample)
-    stamp, last = partial[prefix_decoder.STAMP], partial[prefix_decoder.LAST]
-    h = (stamp - last) * 1e-9 if partial[prefix_decoder.HAS_LAST] else 0.0
-    batch.process(method, par, mem, sample, h, period, out)
+    partial_sample.write_sample(numbers, columns, partial, loads, load_state, sample)
+    stamp, last = partial[partial_sample.STAMP], partial[partial_sample.LAST]
+    h = (stamp - last) * 1e-9 if partial[partial_sample.HAS_LAST] else 0.0
+    batch.process(handle, par, mem, sample, h, period, out)
     out[layout.COMPUTING_TIME] = _now(addresses, clock) - began
     return h
 
@@ -122,21 +125,24 @@ def _serve(
     subscriptions: Any, streams: Any, expected: Any, boxes: Any, inbox: Any,
     partial: Any, columns: Any, prefixes: Any, memory_address: int, memory: Any, words: Any,
     numbers: Any,
-    loads: Any, axes: Any, sample: Any,
-    method: int, par: Any, mem: Any, period: float, out: Any, counters: Any,
+    loads: Any, load_state: Any, sample: Any,
+    handle: Any, par: Any, mem: Any, period: float, out: Any, counters: Any,
     offsets: Any, template_numbers: Any, template_words: Any, template_bytes: Any,
     publishers: Any, outbox: Any,
     records: Any, entries: Any, used: Any, counts: Any, channels: Any,
 ) -> int:  # fmt: skip
     """Process queued messages; return the number of samples computed.
 
+    Messages are taken from the inputs in turn. The call ends if the input FIRST has no more and a
+    sample was computed, or if no input has any.
+
     Args:
         status: (NSTATUS,). addresses, info, clock: of ``rcl.CallTable``, the last its ``numbers``.
         subscriptions: (n,) addresses. streams: (n,) of each. expected: (n,) sequence numbers of
             the next messages. boxes, inbox: memory and addresses of ``rcl.ReceiveBuffers`` for n.
         partial, columns, prefixes, memory, words, numbers: of a ``PrefixDecoder`` and its table;
-            memory_address: the address of ``memory``. loads, axes, sample: of its matcher.
-        method, par, mem, period: of a ``Connector``. out, counters: of a ``MessagePipeline``.
+            memory_address: the address of ``memory``. loads, load_state, sample: of its matcher.
+        handle, par, mem, period: of a ``Connector``. out, counters: of a ``MessagePipeline``.
         offsets, template_numbers, template_words, template_bytes: of ``MessageTemplates``.
         publishers, outbox: (COUNT,) addresses.
         records, entries, used, counts: of a chunk buffer. channels: (n + COUNT,) of the inputs and
@@ -147,49 +153,51 @@ def _serve(
     while processed < status[MOST]:
         first, messages = status[NEXT], 0
         status[NEXT] = 0
-        for j in range(first, count):
+        for i in range(first, count):
+            j = (max(status[FIRST], 0) + i) % count
             taking = addresses[rcl.TAKE]
             if call(taking, subscriptions[j], inbox[j], addresses[rcl.INFO], 0) != 0:
-                if processed > 0 and j == 0:
+                if processed > 0 and i == 0 and status[FIRST] >= 0:
                     return processed  # the first input has no more messages
                 continue
             messages += 1
             stream = streams[j]
             size = boxes[rcl.MESSAGE * j + rcl.LENGTH]
             begin = prefix_decoder.row_begin(stream)
-            taken = prefix_decoder.MISMATCH
+            taken = partial_sample.MISMATCH
             if info[rcl.SEQUENCE] == expected[j]:
                 taken = _accept(
                     stream, begin, boxes[rcl.MESSAGE * j + rcl.BYTES], size,
-                    addresses, memory_address, words, columns, prefixes, partial,
+                    addresses, memory_address, words, columns, prefixes, partial, load_state,
                 )  # fmt: skip
-            if taken == prefix_decoder.MISMATCH:
-                status[MISMATCH], status[NEXT] = j, j + 1
+            if taken == partial_sample.MISMATCH:
+                status[MISMATCH], status[NEXT] = j, i + 1
                 return processed
             expected[j] += 1
             if recording:
                 now = _time_of_day(addresses, clock)
                 data = memory[begin : begin + size]
                 append(records, entries, used, counts, channels[j], now, now, data, size)
-            if taken != COMPLETE:
+            if partial[partial_sample.RECEIVED] == partial[partial_sample.NEEDED]:
+                status[LAST] = j
+            if taken != partial_sample.COMPLETE:
                 continue
             h = _step(
-                addresses, clock, partial, columns, numbers, loads, axes, sample,
-                method, par, mem, period, out,
+                addresses, clock, partial, columns, numbers, loads, load_state, sample,
+                handle, par, mem, period, out,
             )  # fmt: skip
-            stamp = partial[prefix_decoder.STAMP]
+            stamp = partial[partial_sample.STAMP]
             write(stamp, out, offsets, template_numbers, template_words, template_bytes)
             _publish(
                 status, recording, count, addresses, clock, offsets, template_bytes, publishers,
                 outbox, records, entries, used, counts, channels,
             )  # fmt: skip
-            count_sample(counters, out, h, period)
-            status[HAS_PREVIOUS] = partial[prefix_decoder.HAS_LAST]
-            status[PREVIOUS], status[STAMP] = partial[prefix_decoder.LAST], stamp
-            partial[prefix_decoder.HAS_LAST], partial[prefix_decoder.LAST] = 1, stamp
-            status[LAST] = j
+            count_sample(counters, sample, out, h, period)
+            status[HAS_PREVIOUS] = partial[partial_sample.HAS_LAST]
+            status[PREVIOUS], status[STAMP] = partial[partial_sample.LAST], stamp
+            partial[partial_sample.HAS_LAST], partial[partial_sample.LAST] = 1, stamp
             processed += 1
-        if first == 0 and (messages == 0 or partial[prefix_decoder.RECEIVED]):
+        if first == 0 and messages == 0:
             return processed
     return processed
 
@@ -199,9 +207,13 @@ def missing() -> str:
     return rcl.missing() if COMPILED else "numba"
 
 
+KERNELS: Final = (_serve,)
+"""The kernels of the fused path."""
+
+
 def prepare(parts: PipelineParts) -> None:
-    """Compile now, not while a sample waits."""
-    FusedPath([], [], parts, lambda _: None).take(lambda _: None)
+    """Load or compile the kernels now, not while a sample waits."""
+    FusedPath([], [], parts, lambda _: None).take(None, lambda _: None)
 
 
 class Input(NamedTuple):
@@ -264,33 +276,40 @@ class FusedPath:
             self._subscriptions, self._streams, self._expected, received.memory, received.addresses,
             decoder.partial, decoder.table.columns, decoder.table.words,
             decoder.memory.ctypes.data, decoder.memory, decoder.words, decoder.numbers,
-            matcher.load_numbers, matcher.load_axes, matcher.sample,
+            matcher.loads.numbers, matcher.loads.state, matcher.sample,
             *parts.connector, parts.out, parts.counters,
             templates.offsets, templates.numbers, templates.words, templates.memory,
             self._publishers, self._sent.addresses,
         )  # fmt: skip
 
-    def take(self, on_error: Callable[[Exception], object]) -> int | None:
-        """Process all queued messages; return the index of the input that completed a sample last.
+    def take(
+        self, first: int | None, on_error: Callable[[Exception], object]
+    ) -> tuple[bool, int | None]:
+        """Process queued messages until no input has any.
 
-        ``on_error`` gets exceptions raised by the handlers of the reference path.
+        With ``first``, an input, it may end if that one has none and a sample was complete. Returns
+        whether a sample was complete, and the index of the input with the last message of a
+        sample's motion. ``on_error`` gets exceptions raised by the handlers of the reference path.
         """
-        last, status = None, self.status
+        complete, last, status = False, None, self.status
+        status[FIRST] = -1 if first is None else first
         while True:
             self._decoder.follow()
             processed = self._serve()
-            if processed:
-                self._decoder.count_unknown_frames()
+            if status[LAST] >= 0:
                 last = status[LAST]
+            if processed:
+                complete = True
+                self._decoder.count_unknown_frames()
                 self._on_samples(processed)
             k = status[MISMATCH]
             if k < 0:
                 if processed < status[MOST]:
-                    return last
+                    return complete, last
                 continue
+            last = k
             try:
-                if self._receive_mismatch(k):
-                    last = k
+                complete |= self._receive_mismatch(k)
             except Exception as error:
                 on_error(error)
 

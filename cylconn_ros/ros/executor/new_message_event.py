@@ -1,10 +1,25 @@
-"""One eventfd per group of subscriptions: written by rcl's on_new_message callback, read by epoll.
+"""One eventfd per subscription: written by rcl's on_new_message callback, watched with epoll.
 
 A wait set costs time for every entity in it, at every wait. A message event costs nothing until a
 message arrives: the middleware's thread calls rcl's on_new_message callback, here the C function
 ``eventfd_write`` itself with the event's file descriptor, and one thread waits for all descriptors
 with ``epoll``. No Python runs in the middleware's threads, and the cost of a wait does not depend
 on the number of events.
+
+No message may be left behind without an event. rmw_fastrtps registers a callback in two steps:
+``set_on_new_message_callback`` counts the unread messages, and later switches the listener's
+data_available status on. A message that arrives between the two raises no event. A callback is
+therefore registered once, for the life of the subscription, and which events wake the thread is
+selected in epoll (:meth:`EventPoller.arm`). The kernel then gives two guarantees (epoll(7)):
+
+- A descriptor is registered edge-triggered (EPOLLET). Every write to an armed one is reported by
+  the next wait, also if its counter was never read.
+- To arm a descriptor (``epoll_ctl`` with EPOLL_CTL_MOD) reports it at the next wait if it was
+  written before. Nothing reads the counter, so that this is the case after the first message, and
+  always after :class:`MessageEvent` was made, which writes once.
+
+A subscription that is armed is thus taken once more before the thread sleeps, whenever its messages
+arrived. The caller takes the messages of a reported event until the queue is empty.
 
 ``rcl_subscription_set_on_new_message_callback`` is public in rcl, but rclpy does not expose it. It
 is called through ctypes with the subscription's address, which rclpy provides.
@@ -17,10 +32,11 @@ import functools
 import os
 import select
 import time
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from cylconn_ros.errors import CylconnError
+
+Key = TypeVar("Key")
 
 
 @functools.cache
@@ -49,50 +65,50 @@ class MiddlewareError(CylconnError, RuntimeError):
 
 
 class MessageEvent:
-    """An eventfd that becomes readable when a message arrives for an armed subscription."""
+    """An eventfd that is written when a message arrives for a subscription.
 
-    def __init__(self, subscriptions: Sequence[Any]) -> None:
-        """``subscriptions``: of rclpy; they must outlive the event."""
-        self._set_callback, self._callback = _callback_functions()
-        self._addresses = [subscription.handle.pointer for subscription in subscriptions]
-        self._armed: set[int] = set()
-        self.descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    Attributes
+    ----------
+        descriptor: the eventfd. It is readable from the begin, as messages may be queued.
+    """
 
-    def arm(self, indices: Sequence[int]) -> None:
-        """Register the callback on these subscriptions only.
+    def __init__(self, subscription: Any) -> None:
+        """Register the callback; ``subscription``: of rclpy, must outlive the event.
 
-        The callback fires at once if messages are already queued. Raises
-        MiddlewareError if the middleware does not support it.
+        Raises MiddlewareError if the middleware does not support it.
         """
-        for k in self._armed.difference(indices):
-            self._set_callback(self._addresses[k], None, None)
-        for k in indices:
-            if k not in self._armed and self._set_callback(
-                self._addresses[k], self._callback, self.descriptor
-            ):
-                raise MiddlewareError("the middleware does not support the on_new_message callback")
-        self._armed = set(indices)
+        set_callback, callback = _callback_functions()
+        self._set_callback, self._address = set_callback, subscription.handle.pointer
+        self.descriptor = os.eventfd(1, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        if set_callback(self._address, callback, self.descriptor):
+            os.close(self.descriptor)
+            raise MiddlewareError("the middleware does not support the on_new_message callback")
 
     def close(self) -> None:
-        """Unregister the callbacks and close the file descriptor."""
-        self.arm(())
+        """Unregister the callback and close the file descriptor."""
+        self._set_callback(self._address, None, None)
         os.close(self.descriptor)
 
 
-class EventPoller:
-    """Wait for message events with epoll; each event has a number."""
+class EventPoller(Generic[Key]):
+    """Wait for message events with epoll; each event has a key."""
 
     def __init__(self) -> None:
         self._epoll = select.epoll()
-        self._numbers: dict[int, int] = {}
+        self._flags = select.EPOLLET, select.EPOLLET | select.EPOLLIN  # by whether it is armed
+        self._keys: dict[int, Key] = {}
 
-    def register(self, event: MessageEvent, number: int) -> None:
-        """Add ``event``, edge-triggered: its counter need not be read."""
-        self._numbers[event.descriptor] = number
-        self._epoll.register(event.descriptor, select.EPOLLIN | select.EPOLLET)
+    def register(self, event: MessageEvent, key: Key) -> None:
+        """Add ``event``, armed."""
+        self._keys[event.descriptor] = key
+        self._epoll.register(event.descriptor, self._flags[True])
 
-    def wait(self, timeout: float, poll_until: float = 0.0) -> list[int]:
-        """Return the numbers of the events since the previous call; wait up to ``timeout`` s.
+    def arm(self, event: MessageEvent, armed: bool) -> None:
+        """Let ``event`` wake the thread, or not; if it does, :meth:`wait` reports it once."""
+        self._epoll.modify(event.descriptor, self._flags[armed])
+
+    def wait(self, timeout: float, poll_until: float = 0.0) -> list[Key]:
+        """Return the keys of the armed events since the previous call; wait up to ``timeout`` s.
 
         Until ``poll_until`` (s, steady clock) it polls and yields the processor in between, before
         it blocks: waking a thread on an idle processor takes longer than a short wait.
@@ -102,8 +118,8 @@ class EventPoller:
         while not ready and time.monotonic() < poll_until:
             os.sched_yield()
             ready = poll(0.0)
-        numbers = self._numbers
-        return [numbers[descriptor] for descriptor, _ in ready or poll(timeout)]
+        keys = self._keys
+        return [keys[descriptor] for descriptor, _ in ready or poll(timeout)]
 
     def close(self) -> None:
         """Close epoll."""

@@ -20,7 +20,7 @@ _STATES = (slice(0, 13), slice(13, 26))  # pose and twist of A, of B
 class PlantCounts:
     """Counters of samples and wrenches."""
 
-    retransmitted: int = 0  # samples sent again because no wrench arrived
+    retransmitted: int = 0  # samples sent again because no wrench arrived, except the first one
     without_wrench: int = 0  # free-running steps without the wrenches of their sample
     repeated: int = 0  # wrenches received before
     ignored: int = 0  # wrenches with a stamp other than the sample's
@@ -79,13 +79,16 @@ class Exchange:
         """Expect the wrenches of a new sample."""
         self._received.clear()
 
-    def receive(self, body: int, data: bytes, stamp: int) -> None:
-        """Decode a wrench on body A (0) or B (1); ``stamp`` (ns): of the last sample."""
+    def receive(self, body: int, data: bytes, stamp: int) -> int | None:
+        """Decode a wrench on body A (0) or B (1); ``stamp`` (ns): of the last sample.
+
+        Returns the wrench's own stamp (ns), or None if it is not used.
+        """
         try:
             wrench_stamp, _, values = cdr_decoder.read_wrench(data)
         except cdr_decoder.CdrError:
             self._counts.undecodable += 1
-            return
+            return None
         newest = self._newest[body]
         if wrench_stamp == newest:
             self._counts.repeated += 1
@@ -98,6 +101,8 @@ class Exchange:
             self.wrenches[body][:] = values
             if wrench_stamp == stamp:
                 self._received.add(body)
+            return wrench_stamp
+        return None
 
     def loads(self, stamp: int) -> Iterator[tuple[str, bytes]]:
         """Relative topic and message of each load, stamp in ns; a connector holds the load."""

@@ -27,6 +27,7 @@ from cylconn_ros.scene.inputs import BODIES, WRENCH
 from cylconn_ros.scene.parameter_file import scene_part
 from cylconn_ros.scene.scene import several
 from cylconn_ros.scene.schema import show
+from cylconn_ros.simulation.delay import WrenchDelay
 from cylconn_ros.simulation.plant import Plant
 
 USAGE = """\
@@ -39,12 +40,13 @@ plant. With several connectors, the last part of the namespace names the one to 
 (-r __ns:=/NAME).
 Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
 Free running: plant.rate samples per second, each step with the newest wrenches.
+Delay (plant.latency, or latency if > 0): a wrench acts that number of periods after its sample.
 Exit codes: 0 plant.duration reached or stopped, 1 no connector, no wrench or a motion that is not
 finite, 2 invalid arguments or parameters, 130 interrupted while compiling."""
 
 DISCOVERY = 240.0  # s of wall clock for a connector to appear; its first start compiles
 _DISCOVERED = 0.25  # s from discovery to the first sample: the connector must discover us, too
-_RETRANSMIT = 0.25  # s without a wrench after which a sample is retransmitted
+_RETRANSMIT = 1.0  # s without a wrench after which a sample is retransmitted
 _ACKNOWLEDGE = Duration(nanoseconds=1_000_000_000)  # of wall clock for a load
 _CHECK = 0.05  # s between checks of the timeouts, and between progress lines
 _PATIENCE = 1.0  # s without a connector before the first message about it
@@ -73,9 +75,10 @@ class PlantNode(Node):
             )
         self.scene = scenes[name]
         run_node.announce_compiling(physics.step, lambda text: print(f"plant: {text}", flush=True))
-        Plant(self.scene).step(
-            np.zeros(6), np.zeros(6)
-        )  # compiles now, not while a connector waits
+        # compiles now, not while a connector waits
+        Plant(self.scene).step(np.zeros(6), np.zeros(6))
+        if self.scene.plant_latency > 0.0:
+            WrenchDelay(Plant(self.scene), 0.0).step()
         self.plant = Plant(self.scene)
         super().__init__("plant", parameter_overrides=ros_part(parameters), **node_arguments)
         declare(self, {multiple.ONE: self.scene})
@@ -86,6 +89,8 @@ class PlantNode(Node):
         self._total = max(1, round(duration)) if math.isfinite(duration) else None
         self._steps = 0
         self._exchange = Exchange(self.scene, self.counts)
+        delay = self.scene.plant_latency
+        self._late = WrenchDelay(self.plant, delay) if delay > 0.0 else None
         self._out = {
             name: self.create_publisher(
                 message_class(kind), name, qos.samples(), qos_overriding_options=qos.overriding()
@@ -111,13 +116,18 @@ class PlantNode(Node):
     # --- samples ---------------------------------------------------------------------------------
 
     def _receive(self, body: int, data: bytes) -> None:
-        self._exchange.receive(body, data, self.plant.time_ns)
+        stamp = self._exchange.receive(body, data, self.plant.time_ns)
+        if self._late is not None and stamp is not None:
+            self._late.put(body, stamp, self._exchange.wrenches[body])
         if self._settings.lock_step and self._running and self._exchange.complete:
             self._advance()
 
     def _advance(self) -> None:
-        """Take one step with the current wrenches and send the next sample."""
-        self.plant.step(*self._exchange.wrenches)
+        """Take one step with the wrenches that act now and send the next sample."""
+        if self._late is not None:
+            self._late.step()
+        else:
+            self.plant.step(*self._exchange.wrenches)
         self._steps += 1
         if not math.isfinite(float(self.plant.state.sum())):
             self._diverged()
@@ -164,7 +174,7 @@ class PlantNode(Node):
                 )
             elif now - self._transmitted > _RETRANSMIT:
                 self._transmitted = now
-                self.counts.retransmitted += 1
+                self.counts.retransmitted += self._steps > 0  # the connector may still compile
                 self._send(first=True)  # the connector may have been restarted
         self._say_progress()
 
