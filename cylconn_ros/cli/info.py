@@ -16,13 +16,12 @@ import math
 import shutil
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cylconn_ros.cli.checks import add_connector
+from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.summary import FIELDS, Reduction, RunSummary
 from cylconn_ros.connector.enums import REGIMES
 from cylconn_ros.errors import RecordingError
@@ -35,7 +34,7 @@ Array = npt.NDArray[Any]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("recording", metavar="RUN", type=Path, help="recorded directory or file")
+    add_recording(parser, "recording", "RUN")
     add_connector(parser)
 
 

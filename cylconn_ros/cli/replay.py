@@ -24,7 +24,7 @@ from typing import Any
 import yaml
 
 import cylconn_ros
-from cylconn_ros.cli.checks import add_connector
+from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording import connector_part
@@ -41,7 +41,7 @@ _SHOWN = 6  # fields per topic
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("bag", metavar="BAG", type=Path, help="recorded directory or file")
+    add_recording(parser, "bag", "BAG")
     add_connector(parser)
     parser.add_argument(
         "-o", "--output", metavar="NAME", type=Path, help="keep the run (new directory)"

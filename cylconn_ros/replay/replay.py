@@ -20,7 +20,7 @@ from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, Message
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.sqlite import Topics
+from cylconn_ros.recording.storage import Topics
 from cylconn_ros.replay.batches import Batch, Batches
 from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
 from cylconn_ros.scene.scene import Scene

@@ -34,7 +34,7 @@ class Loader(yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             if event.anchor in self._open:
                 raise _error(f"*{event.anchor} stands for a value that contains it", event)
-            self._count(self._weights.get(event.anchor, 1), event)
+            self._count(self._weights.get(event.anchor or "", 1), event)
             return super().compose_node(parent, index)
         before, anchor = self._values, event.anchor
         self._count(1, event)
