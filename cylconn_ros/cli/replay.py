@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
     with Progress(f"replay {bag.path.name}") as progress:
         _process(replay, comparison, options.output, progress)
     _report(replay, time.perf_counter() - start[0], time.process_time() - start[1])
-    passed = not bag.damage and replay.counts.responses > 0
+    passed = not bag.damage and not replay.problem()
     if comparison is not None:
         passed &= _show(comparison.result(), options.tolerance)
     if options.output is not None:
@@ -220,9 +220,12 @@ def _report(replay: Replay, seconds: float, cpu: float) -> None:
     if before != "0":
         print(f"LATE BEGIN  the recording began {before} samples after the run: what the connector "
               "knew from them, as the measured latency, is not known here")  # fmt: skip
-    if not counts.responses:
-        print("NO SAMPLE   no sample was complete: pose and twist need the same stamp "
-              "(stamp_tolerance)")  # fmt: skip
+    for topic, reason in replay.bag.source.left_out.items():
+        print(f"left out    {topic}: {reason}")
+    for text in replay.bag.source.notes:
+        print(f"note        {text}")
+    if problem := replay.problem():
+        print(f"NOT USABLE  {problem}")
 
 
 def _show(topics: list[Topic], tolerance: float) -> bool:

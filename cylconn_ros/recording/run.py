@@ -39,7 +39,7 @@ class Run:
         channels: Mapping[str, TopicFacts] | None = None,
     ) -> None:
         """``metadata``, ``channels``: those of one connector; by default all of the source."""
-        self.source, self.path = source, source.path
+        self.source, self.path = source, source.file
         self.metadata = dict(source.metadata if metadata is None else metadata)
         self._channels = source.channels if channels is None else channels
         self.incomplete = _incomplete(source)

@@ -49,7 +49,7 @@ def salvage(source: Path, target: Path | None = None) -> Salvaged:
     count = sum(facts.extent.count for facts in known.values())
     if not count:
         raise RecordingError(
-            f"{opened.path}: contains no readable message: {opened.damage or 'it is empty'}"
+            f"{opened.file}: contains no readable message: {opened.damage or 'it is empty'}"
         )
     run = source if source.is_dir() else source.with_suffix("")
     target = target or run.with_name(f"{run.name}_salvaged")
@@ -66,7 +66,7 @@ def _write(source: Source, known: dict[str, TopicFacts], target: Path) -> Salvag
         **source.left_out,
         **{t: f"{f.type} is not defined" for t, f in source.channels.items() if t not in known},
     }
-    metadata = {**source.metadata, "salvaged": f"from {source.path.name}: {damage}"}
+    metadata = {**source.metadata, "salvaged": f"from {source.file.name}: {damage}"}
     metadata.pop("incomplete", None)
     numbers = {number: topic for topic, facts in known.items() for number in facts.numbers}
     start, end, count = 1 << 64, 0, 0

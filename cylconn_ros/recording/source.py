@@ -54,7 +54,7 @@ class Source:
 
     Attributes
     ----------
-        path: the file, or the named directory or first path if there are several files.
+        path: as named; the first of several.
         files: the files, in order of recording.
         topics: topic by channel number of the blocks.
         channels: facts by topic, of the topics that can be read.
@@ -79,7 +79,7 @@ class Source:
         named = [Path(paths)] if isinstance(paths, str | Path) else [Path(p) for p in paths]
         found = files.find(named)
         self.files = found.files
-        self.path = self.files[0] if len(self.files) == 1 else named[0]
+        self.path = named[0]
         self.metadata: dict[str, str] = dict(found.custom)
         self.notes, self.declared = found.notes, found.counts
         self.incomplete, self.finished = found.incomplete, True
@@ -96,8 +96,13 @@ class Source:
             self._add(path)
         if not self._places and not self.channels and not self.left_out:
             raise RecordingError(
-                f"{self.path}: contains no readable message: {self.damage or 'it is empty'}"
+                f"{self.file}: contains no readable message: {self.damage or 'it is empty'}"
             )
+
+    @property
+    def file(self) -> Path:
+        """The file, or ``path`` if there are several."""
+        return self.files[0] if len(self.files) == 1 else self.path
 
     @property
     def damage(self) -> str:

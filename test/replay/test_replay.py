@@ -218,7 +218,7 @@ def test_damaged_bags_are_replayed_as_far_as_readable(
 
 def test_errors_name_the_missing_input(recorded: Path, command: Command, tmp_path: Path) -> None:
     for arguments, text in (
-        ((tmp_path / "none",), "no such file or directory"),
+        ((tmp_path / "none",), "No such file or directory"),
         ((tmp_path,), "not a recording"),
         ((recorded, "--set", "input=odometry"), "lacks body_b/odom (nav_msgs/msg/Odometry"),
         ((recorded, "--remap", "odom:=/x"), "odom: is no input of this scene; its inputs are"),

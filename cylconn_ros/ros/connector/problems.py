@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.relative_state import MAX_INPUT
+from cylconn_ros.messages import unknown_frame
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.messages.topic_names import prefix_log
@@ -82,7 +83,8 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         text = "stamps went back: restarted with a new reference configuration"
         yield Problem(WARN, "restarts", text)
     if is_new("unknown frame_ids", counts.unknown_frames):
-        text = _unknown_frame_text(pipeline)
+        seen = pipeline.matcher.unknown_frame
+        text = unknown_frame.text_of(pipeline.scene, seen) if seen is not None else ""
         yield Problem(WARN, text.partition(";")[0], text)
 
 
@@ -249,20 +251,6 @@ def _incomplete_text(pipeline: MessagePipeline) -> str:
     return (
         "samples stay incomplete: pose and twist with the same stamp do not both arrive before "
         "the next sample is complete"
-    )
-
-
-def _unknown_frame_text(pipeline: MessagePipeline) -> str:
-    scene, seen = pipeline.scene, pipeline.matcher.unknown_frame
-    assert seen is not None
-    odometry = scene.input == "odometry" and seen.quantity != "load"
-    expected = [scene.world_frame]
-    if seen.quantity != "pose":
-        expected.append(scene.bodies[seen.body].frame)
-    field = "child_frame_id" if odometry and seen.quantity == "twist" else "frame_id"
-    return (
-        f"{_topic(scene, seen.body, seen.quantity)}: unknown {field} {seen.frame!r}, expected "
-        f"{' or '.join(repr(frame) for frame in expected)}; treated as {seen.axes} axes"
     )
 
 
