@@ -47,6 +47,7 @@ class SceneFields:
     period: float = parameter(
         0.001,
         ge=0.0,
+        le=1e6,
         unit="s",
         restarts=True,
         shared="coupled",

@@ -141,9 +141,8 @@ def build(name: str, directory: Path) -> list[Path]:
     if name == "schemaless":
         return [mcap(path.with_suffix(".mcap"), rows, before=loose)]
     if name == "no_summary":
-        options: dict[str, Any] = dict.fromkeys(
-            ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets"), False
-        )
+        names = ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
+        options: dict[str, Any] = dict.fromkeys(names, False)
         return [mcap(path.with_suffix(".mcap"), rows, index_types=IndexType.NONE, **options)]
     if name == "unchunked":
         return [mcap(path.with_suffix(".mcap"), shuffled(rows), use_chunking=False)]

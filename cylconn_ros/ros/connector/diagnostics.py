@@ -207,8 +207,9 @@ class Monitor:
         for topic, lost in status.lost.items():
             if self._is_new(f"dropped {topic}", lost):
                 text = (
-                    f"{topic}: messages were lost ({lost} so far, expected none): a queue "
-                    "overflowed, the publisher is best effort, or they had no content"
+                    f"{topic}: messages were dropped ({lost} so far, expected none; the sequence "
+                    "numbers have gaps): publish reliable and slower, or let more messages wait "
+                    f"with qos_overrides.{topic}.subscription.depth and publisher.depth"
                 )
                 yield Problem(WARN, f"dropped {topic}", text)
         missing = (
