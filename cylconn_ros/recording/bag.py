@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from cylconn_ros.recording import connector_part
+from cylconn_ros.recording.files.source import Paths, Source
+from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
-from cylconn_ros.recording.source import Paths, Source
-from cylconn_ros.recording.storage import Topics
 
 
 class Message(NamedTuple):
@@ -36,7 +36,7 @@ class Bag:
         """Open a recording, and read its topics and metadata.
 
         Args:
-            path: as of :class:`~cylconn_ros.recording.source.Source`, or a source.
+            path: as of :class:`~cylconn_ros.recording.files.source.Source`, or a source.
             connector: the one to select of several connectors.
 
         Raises RecordingError if ``path`` is not a recording or has no such connector.

@@ -10,7 +10,7 @@ import numpy as np
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording import connector_part, schema
 from cylconn_ros.recording.columns import concatenate, has_columns, of_block
-from cylconn_ros.recording.source import Paths, Source, TopicFacts
+from cylconn_ros.recording.files.source import Paths, Source, TopicFacts
 from cylconn_ros.recording.table import Table
 from cylconn_ros.scene import limited_yaml
 

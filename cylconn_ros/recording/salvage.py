@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.files.source import Source, TopicFacts
 from cylconn_ros.recording.message_definitions import Interface
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import Run
-from cylconn_ros.recording.source import Source, TopicFacts
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.scene import limited_yaml
 

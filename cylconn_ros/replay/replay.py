@@ -13,14 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages import cdr_decoder, unknown_frame
+from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.storage import Topics
 from cylconn_ros.replay.batches import Batch, Batches
 from cylconn_ros.replay.usable import MotionCheck
 from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
@@ -259,7 +260,7 @@ class Replay:
         }  # fmt: skip
         seen = self.pipeline.matcher.unknown_frame
         if seen is not None:
-            text = unknown_frame.text_of(self.scene, seen)
+            text = unknown_frame_text(self.scene, seen)
             kinds[text] = {"messages": counts.unknown_frames}
         return [
             f"{text}: " + ", ".join(f"{number} {of}" for of, number in found.items() if number)

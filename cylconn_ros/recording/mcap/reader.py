@@ -22,11 +22,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from cylconn_ros.recording import compression
+from cylconn_ros.recording.files import compression
+from cylconn_ros.recording.files.storage import Contents, StoredChannel, Unit
 from cylconn_ros.recording.mcap import message_block, resume
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import METADATA_RECORD
-from cylconn_ros.recording.storage import Contents, StoredChannel, Unit
 
 _READ_ERRORS = (McapError, struct.error, ValueError, EOFError, OverflowError, TypeError)
 
@@ -75,7 +75,7 @@ class McapFile:
         self._stream.close()
 
     def contents(self) -> Contents:
-        """Read the file once; see :class:`~cylconn_ros.recording.storage.StorageFile`."""
+        """Read the file once; see :class:`~cylconn_ros.recording.files.storage.StorageFile`."""
         found, at = self._found, len(MCAP0_MAGIC)
         found.finished = False
         if self._read(0, at) != MCAP0_MAGIC:
@@ -106,7 +106,7 @@ class McapFile:
         return found
 
     def load(self, unit: Unit, begin: int, end: int) -> Iterator[MessageBlock]:
-        """Yield messages; see :class:`~cylconn_ros.recording.storage.StorageFile`."""
+        """Yield messages; see :class:`~cylconn_ros.recording.files.storage.StorageFile`."""
         try:
             block = self._block(unit)
         except _READ_ERRORS:

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.relative_state import MAX_INPUT
-from cylconn_ros.messages import unknown_frame
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.messages.topic_names import prefix_log
@@ -84,7 +84,7 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         yield Problem(WARN, "restarts", text)
     if is_new("unknown frame_ids", counts.unknown_frames):
         seen = pipeline.matcher.unknown_frame
-        text = unknown_frame.text_of(pipeline.scene, seen) if seen is not None else ""
+        text = unknown_frame_text(pipeline.scene, seen) if seen is not None else ""
         yield Problem(WARN, text.partition(";")[0], text)
 
 

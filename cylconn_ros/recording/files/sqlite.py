@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.files.storage import Contents, Extent, StoredChannel, Unit
 from cylconn_ros.recording.mcap.message_block import MessageBlock, RawMessage, from_messages
-from cylconn_ros.recording.storage import Contents, Extent, StoredChannel, Unit
 
 _ROWS = 2000  # read at once
 _MAX_TIME = (1 << 63) - 1
@@ -34,7 +34,7 @@ class SqliteFile:
         self._connection.close()
 
     def contents(self) -> Contents:
-        """Read the index of the file; see :class:`~cylconn_ros.recording.storage.StorageFile`.
+        """Read the index of the file (recording/files/storage.py).
 
         Raises RecordingError if it is not a database of rosbag2.
         """
@@ -55,7 +55,7 @@ class SqliteFile:
         return found
 
     def load(self, unit: Unit, begin: int, end: int) -> Iterator[MessageBlock]:
-        """Yield messages; see :class:`~cylconn_ros.recording.storage.StorageFile`."""
+        """Yield messages; see :class:`~cylconn_ros.recording.files.storage.StorageFile`."""
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE {_TIMES} " \
             "ORDER BY timestamp, rowid"  # fmt: skip
         limits = max(begin, 0), min(end - 1, _MAX_TIME)

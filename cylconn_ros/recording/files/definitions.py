@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording.files.storage import StoredChannel
 from cylconn_ros.recording.message_definitions import interface
-from cylconn_ros.recording.storage import StoredChannel
 
 
 def resolve(channel: StoredChannel) -> tuple[str, bool]:

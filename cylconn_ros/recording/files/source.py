@@ -17,12 +17,12 @@ from typing import IO
 import numpy as np
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording import compression, definitions, files, formats, ordering
+from cylconn_ros.recording.files import compression, definitions, finding, formats, ordering
+from cylconn_ros.recording.files.ordering import Place
+from cylconn_ros.recording.files.sqlite import SqliteFile
+from cylconn_ros.recording.files.storage import Contents, Extent, StorageFile, StoredChannel, Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.mcap.reader import McapFile
-from cylconn_ros.recording.ordering import Place
-from cylconn_ros.recording.sqlite import SqliteFile
-from cylconn_ros.recording.storage import Contents, Extent, StorageFile, StoredChannel, Topics
 
 Paths = Path | str | Sequence[Path | str]
 
@@ -77,7 +77,7 @@ class Source:
         Raises RecordingError with the name of the file if it is not a recording.
         """
         named = [Path(paths)] if isinstance(paths, str | Path) else [Path(p) for p in paths]
-        found = files.find(named)
+        found = finding.find(named)
         self.files = found.files
         self.path = named[0]
         self.metadata: dict[str, str] = dict(found.custom)

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording import formats
+from cylconn_ros.recording.files import formats
 from cylconn_ros.scene import limited_yaml
 
 METADATA = "metadata.yaml"

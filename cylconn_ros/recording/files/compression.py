@@ -15,7 +15,7 @@ from typing import IO, Any
 import zstandard
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording import formats
+from cylconn_ros.recording.files import formats
 from cylconn_ros.recording.mcap.message_block import MessageBlock, RawMessage, from_messages
 
 MAX_PART = 1 << 28

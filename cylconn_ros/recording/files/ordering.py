@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylconn_ros.recording.files.storage import Unit
 from cylconn_ros.recording.mcap import message_block
 from cylconn_ros.recording.mcap.message_block import MessageBlock
-from cylconn_ros.recording.storage import Unit
 
 WINDOW = 1 << 24
 """Bytes of messages that are merged at once, as estimated from the units."""
