@@ -14,7 +14,7 @@ from cylconn_ros.connector.description import describe_model
 from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import COMPILED, close_signatures
-from cylconn_ros.core.latency import PROBE
+from cylconn_ros.core.latency import PROBE, PROBED_SAMPLES
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.dispatch import STEPS
 from cylconn_ros.methods.traits import LIVE, TRAITS
@@ -165,7 +165,8 @@ class Connector:
         )
         if measurable and self._mem[model.LATENCY_PROBE] <= 0.0:
             self._mem[model.DELAYED : model.LEAST_BALANCE] = 0.0
-            self._mem[model.LATENCY_PROBE] = PROBE
+            stored = self.scene.latency > 0  # the sent wrenches
+            self._mem[model.LATENCY_PROBE] = PROBED_SAMPLES if stored else PROBE
 
     @property
     def latency_spread(self) -> float:
