@@ -163,7 +163,8 @@ def test_a_declared_latency_is_compared_with_the_measured_one(declared: int, lat
     scene = dataclasses.replace(short("demo"), tolerance=0.0)
     plant, connector = Plant(scene), Connector(dataclasses.replace(scene, latency=declared))
     plant.state[20:26] = 0.0
-    sample, way = np.zeros(layout.NSAMPLE), [np.zeros(12)] * late
+    sample = np.zeros(layout.NSAMPLE)
+    way: list[Array] = [np.zeros(12)] * late
     assert connector.measured_latency is None
     connector.probe_latency()
     steps = 42 if declared == 0 else 20 if late else 10  # a wrong declaration diverges soon
