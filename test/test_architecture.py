@@ -15,7 +15,7 @@ LAYERS = (
     ("errors", "core"),
     ("methods",),
     ("scene",),
-    ("connector", "process"),
+    ("connector", "process", "importing"),
     ("simulation", "messages", "recording"),
     ("reference", "identification", "laws", "report", "replay", "ros"),
     ("bench",),
