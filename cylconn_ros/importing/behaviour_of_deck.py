@@ -62,8 +62,8 @@ def _part(draft: Draft, block: Block, scale: Units) -> None:
         if not plain or len(block.data) != 1:
             return
         elastic = kind == "ELASTICITY"
-        name = {(True, True): "elasticity.k1", (True, False): "elasticity.kr1",
-                (False, True): "damping.c1", (False, False): "damping.cr1"}[elastic, slides]  # fmt: skip
+        names = ("k1", "kr1") if elastic else ("c1", "cr1")
+        name = f"{'elasticity' if elastic else 'damping'}.{names[0] if slides else names[1]}"
         time = 1.0 if elastic else scale.time
         draft.put(name, block.numbers(0)[0] * effort * time / unit)
         block.used = True
@@ -137,8 +137,8 @@ def put_loads(draft: Draft, blocks: Sequence[Block], targets: set[str], scale: U
             elif block.name("TYPE") == "VELOCITY":
                 draft.put(f"command.{axis}.velocity", value * unit / scale.time)
             elif block.name("TYPE") in ("", "DISPLACEMENT"):
-                draft.put(f"command.{axis}.position", value * unit,
-                          "A displacement in the deck: counted from its initial position.")  # fmt: skip
+                comment = "A displacement in the deck: counted from its initial position."
+                draft.put(f"command.{axis}.position", value * unit, comment)
             else:
                 continue
             taken += 1

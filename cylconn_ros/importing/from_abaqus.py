@@ -226,8 +226,12 @@ def _put_body(deck: Deck, draft: Draft, group: str, node: str) -> None:
                 draft.put(f"{name}.inertia", tensor)
     draft.blank(f"{name}.mass", "1.0", "kg; the deck has no *MASS at this node; the scene cannot "
                 "be loaded", required=True)  # fmt: skip
-    draft.blank(f"{name}.inertia", "[0.01, 0.0, 0.0, 0.01, 0.0, 0.01]", "kg m^2; the deck has no "
-                "*ROTARY INERTIA at this node; the scene cannot be loaded", required=True)  # fmt: skip
+    draft.blank(
+        f"{name}.inertia",
+        "[0.01, 0.0, 0.0, 0.01, 0.0, 0.01]",
+        "kg m^2; the deck has no *ROTARY INERTIA at this node; the scene cannot be loaded",
+        required=True,
+    )
 
 
 def _put_gravity(deck: Deck, draft: Draft) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,9 @@ def load_spec(path: Path, shapes: bool = True) -> Any:
 def compile_spec(spec: Any, path: Path) -> Any:
     """The compiled model of a spec. Raises ModelError with MuJoCo's reason."""
     try:
-        return spec.compile()
+        with warnings.catch_warnings():  # about saving a model with an attached body
+            warnings.simplefilter("ignore", UserWarning)
+            return spec.compile()
     except ValueError as error:
         raise _refused(path, error) from None
 
@@ -64,6 +67,11 @@ def _urdf(root: ElementTree.Element, path: Path, shapes: bool) -> str:
     for child in list(root):
         if "xacro" in child.tag:
             raise ModelError(f"{path}: contains xacro; expand it first: xacro {path} > robot.urdf")
+        mass = child.find("inertial/mass")
+        if mass is not None and mass.get("value", "").strip().startswith("-"):
+            raise ModelError(
+                f"{path}: link {child.get('name')}: mass = {mass.get('value')}: none may be negative"
+            )  # MuJoCo would ignore it
         if not shapes and child.tag == "link":
             for part in [*child.findall("visual"), *child.findall("collision")]:
                 child.remove(part)
