@@ -70,7 +70,8 @@ def _urdf(root: ElementTree.Element, path: Path, shapes: bool) -> str:
         mass = child.find("inertial/mass")
         if mass is not None and mass.get("value", "").strip().startswith("-"):
             raise ModelError(
-                f"{path}: link {child.get('name')}: mass = {mass.get('value')}: none may be negative"
+                f"{path}: link {child.get('name')}: mass = {mass.get('value')}: "
+                "none may be negative"
             )  # MuJoCo would ignore it
         if not shapes and child.tag == "link":
             for part in [*child.findall("visual"), *child.findall("collision")]:

@@ -77,7 +77,7 @@ def test_a_coaxial_pair_on_a_floating_body(tmp_path: Path) -> None:
     assert scene is not None
     assert (scene.body_a.kind, scene.body_a.mass) == ("free", 3.0)
     assert np.isnan(scene.command.spin.position)  # the hinge was found
-    assert (scene.elasticity.k1, scene.reference.length) == (50.0, pytest.approx(0.1))
+    assert (scene.elasticity.k1, scene.reference.length) == pytest.approx((50.0, 0.1))
 
 
 @pytest.mark.parametrize(("axis", "off"), [("0 1 0", "0"), ("1 0 0", "0.01")])

@@ -58,9 +58,10 @@ class MujocoPlantNode(PlantNode):
                 "no wrench"
             )
         try:
-            return MujocoPlant(self.scene, self._model, self._joints)
+            self._simulator = MujocoPlant(self.scene, self._model, self._joints)
         except ModelError as error:
             raise SceneError(str(error)) from None
+        return self._simulator
 
     def _send(self, first: bool = False) -> None:
         clock = Clock()
@@ -71,7 +72,7 @@ class MujocoPlantNode(PlantNode):
     def _command(self, message: JointState) -> None:
         """Set actuators: the effort where it is given, else the position, else the velocity."""
         values = message.effort or message.position or message.velocity
-        unknown = self.plant.command(dict(zip(message.name, values, strict=False)))
+        unknown = self._simulator.command(dict(zip(message.name, values, strict=False)))
         for name in sorted(set(unknown) - self._unknown):
             self._unknown.add(name)
             self._say(
