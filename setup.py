@@ -40,6 +40,7 @@ ROS = [
     "ros-jazzy-lifecycle-msgs",
     "ros-jazzy-nav-msgs",
     "ros-jazzy-rcl-interfaces",
+    "ros-jazzy-rosgraph-msgs",
     "ros-jazzy-sensor-msgs",
     "ros-jazzy-std-msgs",
     "ros-jazzy-std-srvs",
