@@ -121,7 +121,10 @@ CONTRADICTED: Final = (
 CONTRADICTION: Final = CONTRADICTED + 1  # 2 x 3: of each body, the squares of its motions by poses
 #                             and by twists when these last differed, and their product, m^2
 FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_gain.py)
-NMEM: Final = FREE_GAIN + 24
+ENERGY_RISE: Final = FREE_GAIN + 24  # J, put in since the least energy (methods/never_gains.py)
+ACCELERATIONS: Final = ENERGY_RISE + 1  # 2 x 6: linear and angular, of the last interval, of driven
+#                             bodies A and B; then the ones in use, 2 x 6
+NMEM: Final = ACCELERATIONS + 24
 
 
 class Output(NamedTuple):

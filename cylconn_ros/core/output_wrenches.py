@@ -1,5 +1,7 @@
 """Output of a step: the connector's forces as the two published wrenches and in the state."""
 
+from typing import NamedTuple
+
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array, Contact
 from cylconn_ros.core.jit import inline_function
@@ -37,6 +39,35 @@ def write_contact(out: Array, c: Contact, mu: float, limit: float, traction: flo
     out[layout.TRACTION] = traction
 
 
+class ComWrenches(NamedTuple):
+    """Force on B and torques about the mass centres of A and B, world axes; -force acts on A."""
+
+    force: Vector
+    torque_a: Vector
+    torque_b: Vector
+
+
+@inline_function
+def limited_wrenches(par: Array, acting: Frame, f: Vector, m: Vector) -> tuple[ComWrenches, float]:
+    """The wrenches about the mass centres, unlimited, and the factor of the output limits.
+
+    acting: the configuration in which the wrench acts. f, m: force (axes of a) and moment (N) on B
+    at node b.
+    """
+    o = model.output(par)
+    force = out_of(acting.axes, f)
+    moment = out_of_swung(acting, m)
+    torque_b = add(cross(acting.arm_b, force), moment)
+    torque_a = scale(-1.0, add(cross(acting.arm_a, force), moment))
+    factor = 1.0
+    if norm(force) > o.force_limit:
+        factor = o.force_limit / norm(force)
+    greatest = max(norm(torque_a), norm(torque_b))
+    if factor * greatest > o.torque_limit:
+        factor = o.torque_limit / greatest
+    return ComWrenches(force, torque_a, torque_b), factor
+
+
 @inline_function
 def write_wrenches(
     par: Array,
@@ -51,6 +82,7 @@ def write_wrenches(
     b: Motion,
     turned_a: Quaternion,
     turned_b: Quaternion,
+    share: float,
 ) -> int:
     """Write both published wrenches and store them in ``mem``; LIMITED if they were scaled down.
 
@@ -60,22 +92,16 @@ def write_wrenches(
         a, b: the bodies at the sample; published torques refer to their mass centres or origins.
         turned_a, turned_b: orientations after half a period: a wrench that is held in body
             axes has its mean.
+        share: factor on both wrenches, beside that of the limits (methods/never_gains.py).
     """
-    o = model.output(par)
-    force = out_of(acting.axes, f)
-    moment = out_of_swung(acting, m)
-    torque_b = add(cross(acting.arm_b, force), moment)
+    o, flags = model.output(par), 0
+    wrenches, factor = limited_wrenches(par, acting, f, m)
+    force, torque_a, torque_b = wrenches
     force_a = scale(-1.0, force)
-    torque_a = scale(-1.0, add(cross(acting.arm_a, force), moment))
-
-    factor, flags = 1.0, 0
-    if norm(force) > o.force_limit:
-        factor = o.force_limit / norm(force)
-    greatest = max(norm(torque_a), norm(torque_b))
-    if factor * greatest > o.torque_limit:
-        factor = o.torque_limit / greatest
     if factor < 1.0:
         flags = layout.LIMITED
+    factor *= share
+    if factor < 1.0:
         force, force_a = scale(factor, force), scale(factor, force_a)
         torque_a, torque_b = scale(factor, torque_a), scale(factor, torque_b)
     for k in range(3):

@@ -159,6 +159,10 @@ def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
             slid, spun = expected[0], by_twist
         mem[model.ACTUATION_WORK] += mem[model.LAST_ACTUATION] * slid
         mem[model.ACTUATION_WORK] += mem[model.LAST_ACTUATION + 1] * spun
+    if not body_a.free:
+        _update_acceleration(mem, a, 0, h)
+    if not body_b.free:
+        _update_acceleration(mem, b, 1, h)
     _store_body(mem, a, model.LAST_A)
     _store_body(mem, b, model.LAST_B)
     model.write_vector(mem, model.LAST_VELOCITIES, a.velocity)
@@ -195,6 +199,47 @@ def check_twist(mem: Array, k: int, moved: Vector, before: Vector, after: Vector
         mem[at], mem[at + 1] = dot(moved, moved), dot(by_twist, by_twist)
         mem[at + 2] = dot(moved, by_twist)
         mem[model.CONTRADICTED] = 1.0
+
+
+@inline_function
+def driven_acceleration(mem: Array, last: int) -> tuple[Vector, Vector]:
+    """Accelerations of a driven body, linear and angular, world axes; ``last``: LAST_A or LAST_B."""
+    at = model.ACCELERATIONS + (12 if last == model.LAST_A else 18)
+    return model.vector(mem, at), model.vector(mem, at + 3)
+
+
+@inline_function
+def _lesser(a: Vector, b: Vector) -> Vector:
+    """The shorter of two accelerations in succession; zero if they oppose each other."""
+    if dot(a, b) <= 0.0:
+        return (0.0, 0.0, 0.0)
+    return a if dot(a, a) <= dot(b, b) else b
+
+
+@device_function
+def _update_acceleration(mem: Array, m: Motion, k: int, h: float) -> None:
+    """Update the acceleration of a driven body from its last three samples.
+
+    A single jump of velocity is not continued: the lesser of the last two accelerations is used. It
+    is zero for the first samples, and at a sample whose motion contradicts the twists.
+    """
+    at, used = model.ACCELERATIONS + 6 * k, model.ACCELERATIONS + 12 + 6 * k
+    before = model.vector(mem, model.LAST_VELOCITIES + 3 * k)
+    spin = model.vector(mem, (model.LAST_A if k == 0 else model.LAST_B) + 9)
+    zero = (0.0, 0.0, 0.0)
+    linear, angular, use = zero, zero, (zero, zero)
+    known = h > 0.0 and mem[model.JUMPED] == 0.0 and mem[model.CONTRADICTED] == 0.0
+    if known:
+        linear = scale(1.0 / h, sub(m.velocity, before))
+        angular = scale(1.0 / h, sub(m.spin, spin))
+        use = (
+            _lesser(linear, model.vector(mem, at)),
+            _lesser(angular, model.vector(mem, at + 3)),
+        )
+    model.write_vector(mem, at, linear)
+    model.write_vector(mem, at + 3, angular)
+    model.write_vector(mem, used, use[0])
+    model.write_vector(mem, used + 3, use[1])
 
 
 @inline_function
@@ -286,11 +331,11 @@ def _store_reference(par: Array, mem: Array, position: Vector, angle: float) -> 
     hold = par[model.REFERENCE] != 0.0
     mem[model.TARGET] = position[1] if hold else 0.0
     mem[model.TARGET + 1] = position[2] if hold else 0.0
-    mem[model.SPRING0] = _spring_energy(par, mem, position[0], angle)
+    mem[model.SPRING0] = spring_energy_of(par, mem, position[0], angle)
 
 
 @inline_function
-def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float:
+def spring_energy_of(par: Array, mem: Array, length: float, angle: float) -> float:
     """Energy in the springs on slide and spin, J."""
     u1 = length - model.value_or(par[model.REFERENCE + 2], mem[model.LENGTH0])
     ur = angle - model.value_or(par[model.REFERENCE + 3], mem[model.ANGLE0])
@@ -302,8 +347,8 @@ def _exclude_jump(par: Array, mem: Array, length: float, angle: float) -> None:
     """Exclude the change of spring energy by a jump from the passivity balance."""
     if mem[model.JUMPED] != 0.0:
         without = (length - mem[model.JUMP_SHIFT], angle - mem[model.JUMP_SHIFT + 1])
-        mem[model.SPRING0] += _spring_energy(par, mem, length, angle)
-        mem[model.SPRING0] -= _spring_energy(par, mem, without[0], without[1])
+        mem[model.SPRING0] += spring_energy_of(par, mem, length, angle)
+        mem[model.SPRING0] -= spring_energy_of(par, mem, without[0], without[1])
 
 
 @inline_function
@@ -358,7 +403,7 @@ def _write_kinematics(
     out[layout.VELOCITY_VIOLATION] = math.sqrt(rates.v[1] * rates.v[1] + rates.v[2] * rates.v[2])
     out[layout.SPIN_VIOLATION] = math.sqrt(rates.w[1] * rates.w[1] + rates.w[2] * rates.w[2])
     out[layout.ENERGY_EXCHANGED] = mem[model.WORK_EXCHANGED]
-    stored = _spring_energy(par, mem, position[0], angle) - mem[model.SPRING0]
+    stored = spring_energy_of(par, mem, position[0], angle) - mem[model.SPRING0]
     mem[model.SPRING_ENERGY] = stored
     out[layout.PASSIVITY_BALANCE] = mem[model.WORK] + stored - mem[model.ACTUATION_WORK]
     radius = model.law(par).radius

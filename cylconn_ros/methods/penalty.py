@@ -120,7 +120,7 @@ def write_outputs(
     return flags | write_wrenches(
         par, mem, out, o.frame, force, moment, body_a, body_b, o.a, o.b,
         turned(o.a.orientation, scale(0.5 * h, o.a.spin)),
-        turned(o.b.orientation, scale(0.5 * h, o.b.spin)),
+        turned(o.b.orientation, scale(0.5 * h, o.b.spin)), 1.0,
     )  # fmt: skip
 
 
