@@ -200,7 +200,9 @@ def _library(options: argparse.Namespace, results: _Results, bar: Progress) -> N
         else:
             for block, index in library.run(scene, options.library).blocks():
                 summary = LawSummary()
-                summary.add(residuals.check(block, options.method), block.out, (index,))
+                summary.add(
+                    residuals.check(block, options.method, in_order=True), block.out, (index,)
+                )
                 results.library.merge(summary.with_prefix(name))
         bar(done + 1, len(scenes))
 

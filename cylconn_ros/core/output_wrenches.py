@@ -141,7 +141,7 @@ def _write_published(
 ) -> None:
     """Write force and torque (about the mass centre, world axes) in the published form."""
     here = matrix(motion.orientation)
-    if o.held_in_body:  # rotates with the body: expressed in the axes at the sample
+    if o.held_in_body and not o.semi_implicit:  # rotates with the body from the sample's axes on
         there = matrix(turned)
         force = out_of(here, into(there, force))
         torque = out_of(here, into(there, torque))

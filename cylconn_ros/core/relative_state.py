@@ -203,7 +203,7 @@ def check_twist(mem: Array, k: int, moved: Vector, before: Vector, after: Vector
 
 @inline_function
 def driven_acceleration(mem: Array, last: int) -> tuple[Vector, Vector]:
-    """Accelerations of a driven body, linear and angular, world axes; ``last``: LAST_A or LAST_B."""
+    """Linear and angular acceleration of a driven body, world axes; ``last``: LAST_A or LAST_B."""
     at = model.ACCELERATIONS + (12 if last == model.LAST_A else 18)
     return model.vector(mem, at), model.vector(mem, at + 3)
 
