@@ -9,10 +9,12 @@ The exact plant integrates orientation q, angular momentum L, velocity and posit
 
     L' = tau(q) + T(q),   m v' = f(q) + force + weight,   work' = f(q).v + tau(q).w
 
-with the fourth-order Runge-Kutta-Munthe-Kaas method in steps of at most MAX_TURN; f and tau are
-constant if they are held in world axes. The semi-implicit plant evaluates all of them at the start.
+with the fourth-order Runge-Kutta-Munthe-Kaas method in steps of at most MAX_TURN, of the turn and of
+the swing of the load's pendulum. Held in world axes, f and tau are constant. The semi-implicit
+plant evaluates all of them at the start.
 """
 
+import math
 from typing import NamedTuple
 
 from cylconn_ros.core.jit import device_function, inline_function
@@ -94,17 +96,21 @@ def held_step(
         q = turned(m.orientation, scale(h, m.spin))
         com = add_scaled(m.com, h, m.velocity)
         power = dot(force, m.velocity) + dot(torque, m.spin)
-        if in_body:  # the mean of the wrench
+        if in_body:  # Simpson's rule
             half = turned(m.orientation, scale(0.5 * h, m.spin))
-            power = dot(_held(half, m.orientation, force, True), m.velocity)
-            power += dot(_held(half, m.orientation, torque, True), m.spin)
+            for at, weight in ((half, 4.0), (q, 1.0)):
+                power += weight * dot(_held(at, m.orientation, force, True), m.velocity)
+                power += weight * dot(_held(at, m.orientation, torque, True), m.spin)
+            power /= 6.0
         return HeldStep(Motion(com, q, m.velocity, m.spin), h * power)
     start, q = m.orientation, m.orientation
     axes = matrix(q)
     momentum = out_of(axes, times(body.inertia, into(axes, m.spin)))
     first = add(torque, load_torque(body, q, load))
     rate = norm(m.spin) + 0.5 * h * norm(angular_acceleration(body, q, m.spin, first))
-    n = 1 + int(min(rate * h / MAX_TURN, MAX_STEPS))
+    j = body.inverse_inertia
+    swings = norm(load.force) * norm(body.com) * (j[0] + j[3] + j[5])  # of a pendulum, 1/s^2
+    n = 1 + int(min(h * (rate + math.sqrt(swings)) / MAX_TURN, MAX_STEPS))
     dt = h / n
     outer = add(load.force, load.weight)
     x, v, work = m.com, m.velocity, 0.0

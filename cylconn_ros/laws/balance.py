@@ -46,7 +46,7 @@ def wrench_residual(
     )
     if weakened:
         lowered = out[:, layout.FLAGS].astype(np.int64) & layout.GAINS_LOWERED != 0
-        share = _common_factor(fb, force, tb, lever_b + moment)[:, None]
+        share = common_factor(fb, force, tb, lever_b + moment)[:, None]
         factor = np.where(lowered[:, None], np.minimum(share, factor), factor)
     scaled = factor[:, 0]
     com_a = rigid.norm(p.a.com) * size  # a published torque is moved to the mass centre and back
@@ -69,7 +69,7 @@ def wrench_residual(
     return np.asarray(np.max(rows, axis=0))
 
 
-def _common_factor(force: Array, whole: Array, torque: Array, whole_torque: Array) -> Array:
+def common_factor(force: Array, whole: Array, torque: Array, whole_torque: Array) -> Array:
     """(n,) the factor from 0 to 1 by which force and torque are shares of their wholes."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         by_force = rigid.norm(force) / rigid.norm(whole)

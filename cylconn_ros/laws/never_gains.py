@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.balance import applied_wrench
+from cylconn_ros.laws.balance import applied_wrench, common_factor
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import Bodies, Bools, Parameters
 from cylconn_ros.laws.sample_state import Motion, SampleState, frame
@@ -53,7 +53,7 @@ class Gains:
 class _Path:
     end: Motion
     work: Array
-    turn: Array  # rad, estimated
+    turn: Array  # rad, of the spin and of its nutation, from above
 
 
 def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
@@ -81,6 +81,8 @@ def gains(block: Block, o: SampleState, s: Step) -> Gains:
         b = _path(p, p.b, o.b, block.sample[:, layout.B_LOAD :], out[:, 6:12])
         gain, exchanged = a.work + b.work, np.abs(a.work) + np.abs(b.work)
         stored, drive = _springs_and_drives(p, o, out, a.end, b.end)
+        share = _sent_share(p, o, s, out)  # a scaled spring exchanges a share of its energy
+        stored, drive = share * stored, share * drive
         gain = gain + stored - drive
         exchanged = exchanged + np.abs(stored) + np.abs(drive)
         gain = np.where(
@@ -95,6 +97,16 @@ def gains(block: Block, o: SampleState, s: Step) -> Gains:
     return Gains(gain, exchanged, bound, applies)
 
 
+def _sent_share(p: Parameters, o: SampleState, s: Step, out: Array) -> Array:
+    """(n,) the share of the computed force, or moment, that was sent."""
+    axes = s.frame
+    wanted = out[:, layout.FORCE : layout.MOMENT], out[:, layout.MOMENT : layout.MOMENT + 3]
+    force = rigid.out_of(axes.axes, wanted[0])
+    torque = np.cross(axes.arm_b, force) + rigid.out_of(axes.untwisted, wanted[1])
+    sent = applied_wrench(p, p.b, o.b.orientation, s.half_b, out[:, 6:12])
+    return common_factor(sent[0], force, sent[1], torque)
+
+
 def _arm_ratio(p: Parameters, o: SampleState) -> Array:
     """(n,) greatest arm over least radius of gyration of the free bodies, at least 1."""
     found = np.zeros(len(p.h))
@@ -104,6 +116,12 @@ def _arm_ratio(p: Parameters, o: SampleState) -> Array:
         ratio = np.sqrt(1.0 + rigid.dot(arm, arm) * mass / least)
         found = np.maximum(found, np.where(body.free, ratio, 0.0))
     return found
+
+
+def _slenderness(body: Bodies) -> Array:
+    """(n,) greatest over least moment of inertia: nutation over spin, from above."""
+    moments = np.linalg.eigvalsh(body.inertia)
+    return moments[:, 2] / np.maximum(moments[:, 0], 1e-300)
 
 
 def _relative_energy(p: Parameters, o: SampleState) -> Array:
@@ -151,7 +169,11 @@ def _path(p: Parameters, body: Bodies, m: Motion, load: Array, wrench: Array) ->
     force, torque = applied_wrench(p, body, m.orientation, m.orientation, wrench)
     known = load[:, 3:] + _lever(body, m.orientation, load[:, :3])
     rate = _rate_of_spin(body, m.orientation, m.spin, torque + known)
-    turn = p.h * (rigid.norm(m.spin) + 0.5 * p.h * np.where(body.free, rigid.norm(rate), 0.0))
+    faster = 0.5 * p.h * np.where(body.free, rigid.norm(rate), 0.0)
+    turn = p.h * (rigid.norm(m.spin) + faster) * np.where(body.free, _slenderness(body), 1.0)
+    least = np.maximum(np.linalg.eigvalsh(body.inertia)[:, 0], 1e-300)
+    pendulum = np.sqrt(rigid.norm(load[:, :3]) * rigid.norm(body.com) / least)
+    turn = turn + np.where(body.free, p.h * pendulum, 0.0)
     explicit = _semi_implicit(p, body, m, load, force, torque)
     exact = _exact(p, body, m, load, force, torque, turn)
     end = dataclasses.replace(m, **{
@@ -203,7 +225,7 @@ def _semi_implicit(
 def _exact(
     p: Parameters, body: Bodies, m: Motion, load: Array, force: Array, torque: Array, turn: Array
 ) -> tuple[Motion, Array]:
-    """Runge-Kutta steps of quaternion, spin, velocity and position, at most 0.05 rad each."""
+    """Runge-Kutta steps of quaternion, angular momentum, velocity and position."""
     steps = 1 + np.minimum(20.0 * np.where(turn < MOST_TURN, turn, 0.0), 400.0).astype(np.int64)
     h = (p.h / steps)[:, None]
     start = rigid.matrix(m.orientation)
@@ -211,17 +233,22 @@ def _exact(
     inside = rigid.into(start, force), rigid.into(start, torque)
     outer = np.where(free, p.gravity + body.inverse_mass[:, None] * load[:, :3], 0.0)
 
-    def rates(q: Array, v: Array, w: Array) -> tuple[Array, ...]:
+    def spin_of(axes: Array, momentum: Array) -> Array:
+        spin = rigid.out_of(axes, rigid.out_of(body.inverse_inertia, rigid.into(axes, momentum)))
+        return np.where(free, spin, m.spin)
+
+    def rates(q: Array, v: Array, momentum: Array) -> tuple[Array, ...]:
         axes = rigid.matrix(q)
+        w = spin_of(axes, momentum)
         push = np.where(held, rigid.out_of(axes, inside[0]), force)
         twist = np.where(held, rigid.out_of(axes, inside[1]), torque)
         lever = twist + load[:, 3:] + _lever(body, q, load[:, :3])
-        spinning = np.where(free, _rate_of_spin(body, q, w, lever), 0.0)
         quarter = 0.5 * rigid.multiply(np.concatenate([w, np.zeros((len(w), 1))], axis=1), q)
         faster = outer + body.inverse_mass[:, None] * push
-        return v, quarter, faster, spinning, (rigid.dot(push, v) + rigid.dot(twist, w))[:, None]
+        return v, quarter, faster, lever, (rigid.dot(push, v) + rigid.dot(twist, w))[:, None]
 
-    y = (m.com, m.orientation, m.velocity, m.spin, np.zeros((len(p.h), 1)))
+    momentum = rigid.out_of(start, rigid.out_of(body.inertia, rigid.into(start, m.spin)))
+    y = (m.com, m.orientation, m.velocity, momentum, np.zeros((len(p.h), 1)))
     for k in range(int(steps.max(initial=1))):
         k1 = rates(y[1], y[2], y[3])
         z = [one + 0.5 * h * d for one, d in zip(y, k1, strict=True)]
@@ -236,5 +263,6 @@ def _exact(
             for one, d1, d2, d3, d4 in zip(y, k1, k2, k3, k4, strict=True)
         ]
         y = (new[0], rigid.normalised(new[1]), new[2], new[3], new[4])
-    end = dataclasses.replace(m, com=y[0], orientation=y[1], velocity=y[2], spin=y[3])
+    spin = spin_of(rigid.matrix(y[1]), y[3])
+    end = dataclasses.replace(m, com=y[0], orientation=y[1], velocity=y[2], spin=spin)
     return end, y[4][:, 0]

@@ -171,7 +171,7 @@ def _moved(
     ]
     bent = np.where(body.free, 0.5 * p.h * rigid.norm(rate), 0.0)
     turn = p.h * (rigid.norm(m.spin) + bent)
-    q, spin = _turned(p, body, m, torque, pull, np.where(turn < MOST_TURN, turn, 0.0))
+    q, spin = _turned(p, body, m, torque, pull, _fine(p, body, pull, turn))
     still = rigid.turned(m.orientation, h * m.spin)
     end = Motion(
         m.com + h * m.velocity + 0.5 * h * h * gain,
@@ -182,6 +182,14 @@ def _moved(
         m.velocity_size + h * gain_size,
     )
     return end, turn
+
+
+def _fine(p: Parameters, body: Bodies, pull: Array, turn: Array) -> Array:
+    """(n,) rad that determine the number of steps: of the turn, and of the load's pendulum."""
+    j = body.inverse_inertia
+    trace = np.einsum("nii->n", j)
+    swings = np.sqrt(rigid.norm(pull) * rigid.norm(body.com) * trace)
+    return np.where(turn < MOST_TURN, turn + p.h * swings, 0.0)
 
 
 def _lever_torque(body: Bodies, q: Array, pull: Array) -> Array:

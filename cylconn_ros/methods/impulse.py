@@ -240,7 +240,7 @@ def _kept_share(
         push = scale(limited, w.force)
         w = ComWrenches(push, scale(limited, w.torque_a), scale(limited, w.torque_b))
     halves = Halves(s.a.orientation, s.b.orientation)
-    return kept_share(par, mem, sample, o, s.g, halves, w, h)
+    return kept_share(par, mem, sample, o, s.g, halves, w, limited, h)
 
 
 @device_function

@@ -17,8 +17,8 @@ u = -e/h, at most the pull-in speed. Requiring gain <= 0 of each step would give
 where it is kept well: offsets of 0.2 mm became 0.4 m.
 
 Where the bound would be exceeded, the wrenches on both bodies are scaled by one factor, like those
-of output limits: the greatest factor found that keeps to it. No wrench, the factor 0, gains nothing
-except spring energy. The flag GAINS_LOWERED reports it.
+of output limits: the greatest factor found that keeps to it. No wrench, factor 0, gains nothing.
+The flag GAINS_LOWERED reports it.
 """
 
 from typing import NamedTuple
@@ -103,9 +103,12 @@ def _moved(
 @device_function
 def energy_gain(
     par: Array, mem: Array, sample: Array, o: RelativeState, halves: Halves, w: ComWrenches,
-    share: float, h: float,
+    limited: float, share: float, h: float,
 ) -> float:  # fmt: skip
-    """Energy that wrenches scaled by ``share`` put into the bodies in the step, J."""
+    """Energy that wrenches scaled by ``share`` put into the bodies in the step, J.
+
+    limited: the factor of the output limits, which ``w`` already contains.
+    """
     la = _load(par, o.body_a, sample, layout.A_LOAD)
     lb = _load(par, o.body_b, sample, layout.B_LOAD)
     push, turn_a, turn_b = scale(share, w.force), scale(share, w.torque_a), scale(share, w.torque_b)
@@ -121,7 +124,8 @@ def energy_gain(
         stored = spring_energy_of(par, mem, o.length + slid, o.angle + spun)
         stored -= spring_energy_of(par, mem, o.length, o.angle)
         work = mem[model.LAST_ACTUATION] * slid + mem[model.LAST_ACTUATION + 1] * spun
-        gain += stored - share * work
+        stored *= share * limited  # a scaled spring exchanges a share of its energy
+        gain += stored - share * limited * work
         exchanged += abs(stored) + abs(work)
     return gain - TOLERANCE * exchanged if gain > 0.0 else gain
 
@@ -158,18 +162,18 @@ def pull_in_energy(par: Array, o: RelativeState, g: DelassusOperator, h: float) 
 @device_function
 def kept_share(
     par: Array, mem: Array, sample: Array, o: RelativeState, g: DelassusOperator, halves: Halves,
-    w: ComWrenches, h: float,
+    w: ComWrenches, limited: float, h: float,
 ) -> float:  # fmt: skip
     """The factor on the wrenches with which the bodies gain no energy; the rise is stored."""
     bound = ALLOWED_RISE * _relative_energy(o) + pull_in_energy(par, o, g, h)
     room = max(bound - mem[model.ENERGY_RISE], 0.0)
-    gain = energy_gain(par, mem, sample, o, halves, w, 1.0, h)
+    gain = energy_gain(par, mem, sample, o, halves, w, limited, 1.0, h)
     share = 1.0
     if not gain <= room:
         low, high, share, gain = 0.0, 1.0, 0.0, 0.0
         while high - low > RESOLUTION * high and high > LEAST_SHARE:
             middle = 0.5 * (low + high)
-            found = energy_gain(par, mem, sample, o, halves, w, middle, h)
+            found = energy_gain(par, mem, sample, o, halves, w, limited, middle, h)
             if found <= room:
                 low, share, gain = middle, middle, found
             else:
