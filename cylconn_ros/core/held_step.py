@@ -9,8 +9,8 @@ The exact plant integrates orientation q, angular momentum L, velocity and posit
 
     L' = tau(q) + T(q),   m v' = f(q) + force + weight,   work' = f(q).v + tau(q).w
 
-with the fourth-order Runge-Kutta-Munthe-Kaas method in steps of at most MAX_TURN, of the turn and of
-the swing of the load's pendulum. Held in world axes, f and tau are constant. The semi-implicit
+with the fourth-order Runge-Kutta-Munthe-Kaas method in steps of at most MAX_TURN, of the turn and
+of the swing of the load's pendulum. Held in world axes, f and tau are constant. The semi-implicit
 plant evaluates all of them at the start.
 """
 

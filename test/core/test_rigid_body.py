@@ -113,9 +113,8 @@ def test_every_form_of_a_wrench_moves_the_body_the_same(axes: str, point: str) -
 
 def test_loads_act_at_the_body_origin_and_turn_with_it() -> None:
     scene = tumbling(plant={"body_b": {"load": list(WRENCH)}})
-    short = {"period": 1e-6}  # in which the point of application hardly turns
-    loaded = Plant(dataclasses.replace(scene, **short))
-    pushed = Plant(dataclasses.replace(tumbling(wrench={"point": "origin"}), **short))
+    loaded = Plant(with_period(scene, 1e-6))  # in which the point of application hardly turns
+    pushed = Plant(with_period(tumbling(wrench={"point": "origin"}), 1e-6))
     loaded.step(np.zeros(6), np.zeros(6))
     pushed.step(np.zeros(6), WRENCH)
     np.testing.assert_allclose(loaded.state, pushed.state, atol=1e-9)
