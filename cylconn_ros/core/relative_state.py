@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import is_delayed
+from cylconn_ros.core.driven_acceleration import update_acceleration
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import (
@@ -160,9 +161,9 @@ def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
         mem[model.ACTUATION_WORK] += mem[model.LAST_ACTUATION] * slid
         mem[model.ACTUATION_WORK] += mem[model.LAST_ACTUATION + 1] * spun
     if not body_a.free:
-        _update_acceleration(mem, a, 0, h)
+        update_acceleration(mem, a, 0, h)
     if not body_b.free:
-        _update_acceleration(mem, b, 1, h)
+        update_acceleration(mem, b, 1, h)
     _store_body(mem, a, model.LAST_A)
     _store_body(mem, b, model.LAST_B)
     model.write_vector(mem, model.LAST_VELOCITIES, a.velocity)
@@ -199,47 +200,6 @@ def check_twist(mem: Array, k: int, moved: Vector, before: Vector, after: Vector
         mem[at], mem[at + 1] = dot(moved, moved), dot(by_twist, by_twist)
         mem[at + 2] = dot(moved, by_twist)
         mem[model.CONTRADICTED] = 1.0
-
-
-@inline_function
-def driven_acceleration(mem: Array, last: int) -> tuple[Vector, Vector]:
-    """Linear and angular acceleration of a driven body, world axes; ``last``: LAST_A or LAST_B."""
-    at = model.ACCELERATIONS + (12 if last == model.LAST_A else 18)
-    return model.vector(mem, at), model.vector(mem, at + 3)
-
-
-@inline_function
-def _lesser(a: Vector, b: Vector) -> Vector:
-    """The shorter of two accelerations in succession; zero if they oppose each other."""
-    if dot(a, b) <= 0.0:
-        return (0.0, 0.0, 0.0)
-    return a if dot(a, a) <= dot(b, b) else b
-
-
-@device_function
-def _update_acceleration(mem: Array, m: Motion, k: int, h: float) -> None:
-    """Update the acceleration of a driven body from its last three samples.
-
-    A single jump of velocity is not continued: the lesser of the last two accelerations is used. It
-    is zero for the first samples, and at a sample whose motion contradicts the twists.
-    """
-    at, used = model.ACCELERATIONS + 6 * k, model.ACCELERATIONS + 12 + 6 * k
-    before = model.vector(mem, model.LAST_VELOCITIES + 3 * k)
-    spin = model.vector(mem, (model.LAST_A if k == 0 else model.LAST_B) + 9)
-    zero = (0.0, 0.0, 0.0)
-    linear, angular, use = zero, zero, (zero, zero)
-    known = h > 0.0 and mem[model.JUMPED] == 0.0 and mem[model.CONTRADICTED] == 0.0
-    if known:
-        linear = scale(1.0 / h, sub(m.velocity, before))
-        angular = scale(1.0 / h, sub(m.spin, spin))
-        use = (
-            _lesser(linear, model.vector(mem, at)),
-            _lesser(angular, model.vector(mem, at + 3)),
-        )
-    model.write_vector(mem, at, linear)
-    model.write_vector(mem, at + 3, angular)
-    model.write_vector(mem, used, use[0])
-    model.write_vector(mem, used + 3, use[1])
 
 
 @inline_function

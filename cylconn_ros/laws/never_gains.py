@@ -67,7 +67,7 @@ def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
         rise = 0.0
         for k in np.flatnonzero(g.applies):
             rise = max(rise + g.gain[k], 0.0)
-            excess[k] = max(rise - g.bound[k] * (1.0 + SLACK), 0.0)
+            excess[k] = max(min(rise - g.bound[k] * (1.0 + SLACK), g.gain[k]), 0.0)
             rise = min(rise, g.bound[k] * (1.0 + SLACK))
     size = np.maximum(g.exchanged + g.bound, 1e-300)
     return np.where(g.applies, excess / size, np.nan)
@@ -121,7 +121,7 @@ def _arm_ratio(p: Parameters, o: SampleState) -> Array:
 def _slenderness(body: Bodies) -> Array:
     """(n,) greatest over least moment of inertia: nutation over spin, from above."""
     moments = np.linalg.eigvalsh(body.inertia)
-    return moments[:, 2] / np.maximum(moments[:, 0], 1e-300)
+    return np.asarray(moments[:, 2] / np.maximum(moments[:, 0], 1e-300), dtype=np.float64)
 
 
 def _relative_energy(p: Parameters, o: SampleState) -> Array:
@@ -185,14 +185,14 @@ def _path(p: Parameters, body: Bodies, m: Motion, load: Array, wrench: Array) ->
 
 def _lever(body: Bodies, q: Array, force: Array) -> Array:
     """(n, 3) torque about the mass centre of a force at the origin of the body frame."""
-    return -np.cross(rigid.out_of(rigid.matrix(q), body.com), force)
+    return np.asarray(-np.cross(rigid.out_of(rigid.matrix(q), body.com), force), dtype=np.float64)
 
 
 def _rate_of_spin(body: Bodies, q: Array, spin: Array, torque: Array) -> Array:
     axes = rigid.matrix(q)
     w = rigid.into(axes, spin)
     lever = rigid.into(axes, torque) - np.cross(w, rigid.out_of(body.inertia, w))
-    return rigid.out_of(axes, rigid.out_of(body.inverse_inertia, lever))
+    return np.asarray(rigid.out_of(axes, rigid.out_of(body.inverse_inertia, lever)))
 
 
 def _semi_implicit(
@@ -248,7 +248,7 @@ def _exact(
         return v, quarter, faster, lever, (rigid.dot(push, v) + rigid.dot(twist, w))[:, None]
 
     momentum = rigid.out_of(start, rigid.out_of(body.inertia, rigid.into(start, m.spin)))
-    y = (m.com, m.orientation, m.velocity, momentum, np.zeros((len(p.h), 1)))
+    y: tuple[Array, ...] = (m.com, m.orientation, m.velocity, momentum, np.zeros((len(p.h), 1)))
     for k in range(int(steps.max(initial=1))):
         k1 = rates(y[1], y[2], y[3])
         z = [one + 0.5 * h * d for one, d in zip(y, k1, strict=True)]

@@ -194,7 +194,7 @@ def _fine(p: Parameters, body: Bodies, pull: Array, turn: Array) -> Array:
 
 def _lever_torque(body: Bodies, q: Array, pull: Array) -> Array:
     """(n, 3) torque about the mass centre of a force at the origin of the body frame."""
-    return -np.cross(rigid.out_of(rigid.matrix(q), body.com), pull)
+    return np.asarray(-np.cross(rigid.out_of(rigid.matrix(q), body.com), pull), dtype=np.float64)
 
 
 def _turned(

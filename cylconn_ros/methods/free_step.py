@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 from cylconn_ros.core import model
+from cylconn_ros.core.driven_acceleration import driven_acceleration
 from cylconn_ros.core.free_gain import is_simulators
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.held_step import Load, load_torque
 from cylconn_ros.core.jit import inline_function
-from cylconn_ros.core.relative_state import driven_acceleration
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
 from cylconn_ros.core.vectors import (
     Quaternion,

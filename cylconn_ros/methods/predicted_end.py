@@ -22,11 +22,12 @@ bracket, which would add energy, is omitted, and the target is -e/h alone.
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.driven_acceleration import driven_acceleration
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.held_step import Load, held_step, load_torque, load_turns
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Twist, frame, out_of_swung, relative_twist
-from cylconn_ros.core.relative_state import RelativeState, constraint_error, driven_acceleration
+from cylconn_ros.core.relative_state import RelativeState, constraint_error
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration, exact_step
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import (
