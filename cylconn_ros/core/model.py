@@ -124,7 +124,11 @@ FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_ga
 ENERGY_RISE: Final = FREE_GAIN + 24  # J, put in since the least energy (methods/never_gains.py)
 ACCELERATIONS: Final = ENERGY_RISE + 1  # 2 x 6: linear and angular, of the last interval, of driven
 #                             bodies A and B; then the ones in use, 2 x 6
-NMEM: Final = ACCELERATIONS + 24
+HELD_WRENCH: Final = (
+    ACCELERATIONS + 24
+)  # 12: the last wrench as at LAST_A, at the start of its step:
+#                             turned back if it is held in body axes
+NMEM: Final = HELD_WRENCH + 12
 
 
 class Output(NamedTuple):

@@ -107,9 +107,21 @@ def write_wrenches(
     for k in range(3):
         mem[model.LAST_A + k], mem[model.LAST_A + 3 + k] = force_a[k], torque_a[k]
         mem[model.LAST_B + k], mem[model.LAST_B + 3 + k] = force[k], torque_b[k]
+    turns = o.held_in_body and not o.semi_implicit
+    at = model.HELD_WRENCH
+    model.write_vector(mem, at, _at_start(a, turned_a, force_a, turns))
+    model.write_vector(mem, at + 3, _at_start(a, turned_a, torque_a, turns))
+    model.write_vector(mem, at + 6, _at_start(b, turned_b, force, turns))
+    model.write_vector(mem, at + 9, _at_start(b, turned_b, torque_b, turns))
     _write_published(o, out, layout.FORCE_A, body_a, a, turned_a, force_a, torque_a)
     _write_published(o, out, layout.FORCE_B, body_b, b, turned_b, force, torque_b)
     return flags
+
+
+@inline_function
+def _at_start(m: Motion, half: Quaternion, v: Vector, turns: bool) -> Vector:
+    """A vector with its mean at ``half``, at the start of its step if it turns with the body."""
+    return out_of(matrix(m.orientation), into(matrix(half), v)) if turns else v
 
 
 @inline_function
@@ -126,6 +138,10 @@ def add_reactions(mem: Array, acting: Frame, f: Vector, m: Vector) -> None:
         mem[model.LAST_A + 3 + k] -= torque_a[k]
         mem[model.LAST_B + k] += force[k]
         mem[model.LAST_B + 3 + k] += torque_b[k]
+        mem[model.HELD_WRENCH + k] -= force[k]
+        mem[model.HELD_WRENCH + 3 + k] -= torque_a[k]
+        mem[model.HELD_WRENCH + 6 + k] += force[k]
+        mem[model.HELD_WRENCH + 9 + k] += torque_b[k]
 
 
 @inline_function
