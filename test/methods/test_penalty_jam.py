@@ -1,4 +1,4 @@
-"""A jam held by method penalty: the weight hangs beside the shaft, coupling c = 2 mu d / L = 1.2."""
+"""A jam held by method penalty: the weight hangs beside the shaft, coupling 2 mu d / L = 1.2."""
 
 import numpy as np
 
