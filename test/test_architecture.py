@@ -185,6 +185,7 @@ MANY_FILES = 14
 WIDE = {
     "core": "one concept of the mechanics a file",
     "laws": "one law, or one ingredient of the independent check, a file",
+    "methods": "one method, or one part of a step that methods share, a file",
     "cli": "one command a file",
     "scene": "one group or aspect of the parameters a file",
 }

@@ -68,6 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--run", dest="recording", type=Path, metavar="RUN", help="check a recorded run instead"
     )
+    parser.add_argument(
+        "--motions", type=_count, metavar="N", help="check N random motions of a second each"
+    )
     add_connector(parser)
 
 
@@ -104,6 +107,8 @@ def run(options: argparse.Namespace) -> int:
     begin = time.monotonic()
     if options.recording is not None:
         return _recorded(options)
+    if options.motions is not None:
+        return _motions(options)
     from cylconn_ros.laws.summary import LawSummary
 
     _check_method(options)
@@ -200,7 +205,9 @@ def _library(options: argparse.Namespace, results: _Results, bar: Progress) -> N
         else:
             for block, index in library.run(scene, options.library).blocks():
                 summary = LawSummary()
-                summary.add(residuals.check(block, options.method), block.out, (index,))
+                summary.add(
+                    residuals.check(block, options.method, in_order=True), block.out, (index,)
+                )
                 results.library.merge(summary.with_prefix(name))
         bar(done + 1, len(scenes))
 
@@ -238,6 +245,25 @@ def _conclusion(
     elif options.recording is not None:
         text += f"\nnext: cylconn info {options.recording}"
     return text
+
+
+def _motions(options: argparse.Namespace) -> int:
+    """Check random motions with every method that applies."""
+    from cylconn_ros.laws.random_motions import check_all
+
+    begin = time.monotonic()
+    with Progress("motions") as bar:
+        results = check_all(options.seed, options.motions, bar)
+    print(f"{options.motions} random motions, {time.monotonic() - begin:.0f} s\n")
+    print(
+        f"{'method':<22}{'motions':>8}{'energy':>10}{'references':>12}{'error':>10}{'violated':>10}"
+    )
+    for name, one in results.items():
+        print(
+            f"{name:<22}{one.motions:>8}{one.energy:>+10.1e}{one.references:>12}"
+            f"{one.reference:>10.1e}{len(one.failures):>10}  {'; '.join(one.failures[:3])}"
+        )
+    return 1 if any(one.failures for one in results.values()) else 0
 
 
 def _recorded(options: argparse.Namespace) -> int:

@@ -62,9 +62,8 @@ def store_sent_wrenches(mem: Array, acted: bool) -> None:
     """Store the wrench of this step, newest first; zero if none was computed."""
     for k in range(_KEPT - 1, -1, -1):
         mem[model.SENT_WRENCHES + 12 + k] = mem[model.SENT_WRENCHES + k]
-    for k in range(6):
-        mem[model.SENT_WRENCHES + k] = mem[model.LAST_A + k] if acted else 0.0
-        mem[model.SENT_WRENCHES + 6 + k] = mem[model.LAST_B + k] if acted else 0.0
+    for k in range(12):
+        mem[model.SENT_WRENCHES + k] = mem[model.HELD_WRENCH + k] if acted else 0.0
 
 
 @device_function

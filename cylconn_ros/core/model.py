@@ -123,7 +123,12 @@ CONTRADICTION: Final = CONTRADICTED + 1  # 2 x 3: of each body, the squares of i
 FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_gain.py)
 LATENCY_PROBE: Final = FREE_GAIN + 24  # samples for which a declared latency is still checked
 STAMP_PERIOD: Final = LATENCY_PROBE + 1  # s, the interval of CONTRADICTION
-NMEM: Final = STAMP_PERIOD + 1
+ENERGY_RISE: Final = STAMP_PERIOD + 1  # J, put in since the least energy (methods/never_gains.py)
+ACCELERATIONS: Final = ENERGY_RISE + 1  # 2 x 6: linear and angular, of the last interval, of driven
+#                             bodies A and B; then the ones in use, 2 x 6
+HELD_WRENCH: Final = ACCELERATIONS + 24  # 12: the last wrench as at LAST_A, at the start of its
+#                             step: turned back if it is held in body axes
+NMEM: Final = HELD_WRENCH + 12
 
 
 class Output(NamedTuple):

@@ -7,8 +7,15 @@ with the wrench of sample k - n - 1 and continues from r h on with that of sampl
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.held_step import (
+    Load,
+    held_step,
+    load_torque,
+    load_turns,
+    semi_implicit_step,
+)
 from cylconn_ros.core.jit import device_function, inline_function, kernel
-from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration, at_com, exact_step
+from cylconn_ros.core.rigid_body import Body, Motion, at_com, exact_step
 from cylconn_ros.core.vectors import (
     Vector,
     add,
@@ -17,12 +24,10 @@ from cylconn_ros.core.vectors import (
     dot,
     into,
     matrix,
-    norm,
     out_of,
     scale,
     sub,
     times,
-    turned,
 )
 
 
@@ -136,60 +141,30 @@ def advance_body(
     force: Vector,
     torque: Vector,
     loads: Array,
-    load: int,
+    load_at: int,
     h: float,
 ) -> None:
     """Advance the body at ``at`` in ``state`` by h under a wrench about its mass centre.
 
-    The wrench is in world axes; the load at ``load`` in ``loads`` acts besides gravity.
+    The wrench is in world axes; the load at ``load_at`` in ``loads`` acts besides gravity.
     """
     o = model.output(par)
     m = motion_of(body, state, at)
-    axes = matrix(m.orientation)
-    force = add(force, model.vector(loads, load))
-    torque = add(torque, model.vector(loads, load + 3))
-    torque = sub(torque, cross(out_of(axes, body.com), model.vector(loads, load)))
     weight = scale(body.mass if body.free else 0.0, model.vector(par, model.GRAVITY))
+    load = Load(model.vector(loads, load_at), model.vector(loads, load_at + 3), weight)
     if o.semi_implicit:
-        m = _semi_implicit_step(body, m, add(force, weight), torque, h)
-    elif o.held_in_body and body.free:
-        m = _turning_step(body, m, weight, into(axes, force), into(axes, torque), h)
+        m = semi_implicit_step(body, m, force, torque, load, h).end
+    elif (o.held_in_body and body.free) or load_turns(body, load):
+        m = held_step(body, m, force, torque, load, h, o.held_in_body).end
     else:
-        m = exact_step(body, m, add(force, weight), torque, h)
+        torque = add(torque, load_torque(body, m.orientation, load))
+        m = exact_step(body, m, add(add(force, load.force), weight), torque, h)
     arm = out_of(matrix(m.orientation), body.com)
     model.write_vector(state, at, sub(m.com, arm))
     for k in range(4):
         state[at + 3 + k] = m.orientation[k]
     model.write_vector(state, at + 7, sub(m.velocity, cross(m.spin, arm)))
     model.write_vector(state, at + 10, m.spin)
-
-
-@device_function
-def _semi_implicit_step(body: Body, m: Motion, force: Vector, torque: Vector, h: float) -> Motion:
-    """Semi-implicit Euler: positions follow the new velocities; first order."""
-    velocity = add_scaled(m.velocity, h * body.inverse_mass, force)
-    spin = m.spin
-    if body.free:
-        spin = add_scaled(m.spin, h, angular_acceleration(body, m.orientation, m.spin, torque))
-    return Motion(
-        add_scaled(m.com, h, velocity), turned(m.orientation, scale(h, spin)), velocity, spin
-    )
-
-
-@device_function
-def _turning_step(
-    body: Body, m: Motion, weight: Vector, force: Vector, torque: Vector, h: float
-) -> Motion:
-    """A wrench held in body axes: short steps, each with the wrench rotated to its middle."""
-    n = 8 + int(min(norm(m.spin) * h * 400.0, 1000.0))
-    dt = h / n
-    for _ in range(n):
-        half = exact_step(
-            body, m, weight, out_of(matrix(m.orientation), torque), 0.5 * dt
-        ).orientation
-        axes = matrix(half)
-        m = exact_step(body, m, add(weight, out_of(axes, force)), out_of(axes, torque), dt)
-    return m
 
 
 @kernel

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import is_delayed
+from cylconn_ros.core.driven_acceleration import update_acceleration
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import (
@@ -159,6 +160,10 @@ def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
             slid, spun = expected[0], by_twist
         mem[model.ACTUATION_WORK] += mem[model.LAST_ACTUATION] * slid
         mem[model.ACTUATION_WORK] += mem[model.LAST_ACTUATION + 1] * spun
+    if not body_a.free:
+        update_acceleration(mem, a, 0, h)
+    if not body_b.free:
+        update_acceleration(mem, b, 1, h)
     _store_body(mem, a, model.LAST_A)
     _store_body(mem, b, model.LAST_B)
     model.write_vector(mem, model.LAST_VELOCITIES, a.velocity)
@@ -287,11 +292,11 @@ def _store_reference(par: Array, mem: Array, position: Vector, angle: float) -> 
     hold = par[model.REFERENCE] != 0.0
     mem[model.TARGET] = position[1] if hold else 0.0
     mem[model.TARGET + 1] = position[2] if hold else 0.0
-    mem[model.SPRING0] = _spring_energy(par, mem, position[0], angle)
+    mem[model.SPRING0] = spring_energy_of(par, mem, position[0], angle)
 
 
 @inline_function
-def _spring_energy(par: Array, mem: Array, length: float, angle: float) -> float:
+def spring_energy_of(par: Array, mem: Array, length: float, angle: float) -> float:
     """Energy in the springs on slide and spin, J."""
     u1 = length - model.value_or(par[model.REFERENCE + 2], mem[model.LENGTH0])
     ur = angle - model.value_or(par[model.REFERENCE + 3], mem[model.ANGLE0])
@@ -303,8 +308,8 @@ def _exclude_jump(par: Array, mem: Array, length: float, angle: float) -> None:
     """Exclude the change of spring energy by a jump from the passivity balance."""
     if mem[model.JUMPED] != 0.0:
         without = (length - mem[model.JUMP_SHIFT], angle - mem[model.JUMP_SHIFT + 1])
-        mem[model.SPRING0] += _spring_energy(par, mem, length, angle)
-        mem[model.SPRING0] -= _spring_energy(par, mem, without[0], without[1])
+        mem[model.SPRING0] += spring_energy_of(par, mem, length, angle)
+        mem[model.SPRING0] -= spring_energy_of(par, mem, without[0], without[1])
 
 
 @inline_function
@@ -359,7 +364,7 @@ def _write_kinematics(
     out[layout.VELOCITY_VIOLATION] = math.sqrt(rates.v[1] * rates.v[1] + rates.v[2] * rates.v[2])
     out[layout.SPIN_VIOLATION] = math.sqrt(rates.w[1] * rates.w[1] + rates.w[2] * rates.w[2])
     out[layout.ENERGY_EXCHANGED] = mem[model.WORK_EXCHANGED]
-    stored = _spring_energy(par, mem, position[0], angle) - mem[model.SPRING0]
+    stored = spring_energy_of(par, mem, position[0], angle) - mem[model.SPRING0]
     mem[model.SPRING_ENERGY] = stored
     out[layout.PASSIVITY_BALANCE] = mem[model.WORK] + stored - mem[model.ACTUATION_WORK]
     radius = model.law(par).radius

@@ -20,8 +20,13 @@ def _moment(out: Array) -> Array:
     return out[:, layout.MOMENT : layout.MOMENT + 3]
 
 
-def wrench_residual(p: Parameters, o: SampleState, s: Step, out: Array) -> Array:
-    """Residual (n,): published wrenches equal J~^T Lambda and are opposite at node b in q~."""
+def wrench_residual(
+    p: Parameters, o: SampleState, s: Step, out: Array, weakened: bool = False
+) -> Array:
+    """Residual (n,): published wrenches equal J~^T Lambda and are opposite at node b in q~.
+
+    weakened: where GAINS_LOWERED is set both are scaled by one factor from 0 to 1.
+    """
     force = rigid.out_of(s.frame.axes, out[:, layout.FORCE : layout.MOMENT])
     moment = rigid.out_of(s.frame.untwisted, _moment(out))
     lever_a, lever_b = np.cross(s.frame.arm_a, force), np.cross(s.frame.arm_b, force)
@@ -39,6 +44,10 @@ def wrench_residual(p: Parameters, o: SampleState, s: Step, out: Array) -> Array
     fb, tb = applied_wrench(
         p, p.b, o.b.orientation, s.half_b, out[:, layout.FORCE_B : layout.STATE0]
     )
+    if weakened:
+        lowered = out[:, layout.FLAGS].astype(np.int64) & layout.GAINS_LOWERED != 0
+        share = common_factor(fb, force, tb, lever_b + moment)[:, None]
+        factor = np.where(lowered[:, None], np.minimum(share, factor), factor)
     scaled = factor[:, 0]
     com_a = rigid.norm(p.a.com) * size  # a published torque is moved to the mass centre and back
     com_b = rigid.norm(p.b.com) * size
@@ -58,6 +67,15 @@ def wrench_residual(p: Parameters, o: SampleState, s: Step, out: Array) -> Array
         ),
     ]
     return np.asarray(np.max(rows, axis=0))
+
+
+def common_factor(force: Array, whole: Array, torque: Array, whole_torque: Array) -> Array:
+    """(n,) the factor from 0 to 1 by which force and torque are shares of their wholes."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        by_force = rigid.norm(force) / rigid.norm(whole)
+        by_torque = rigid.norm(torque) / rigid.norm(whole_torque)
+    found = np.where(rigid.norm(whole) > 0.0, by_force, by_torque)
+    return np.clip(np.where(np.isnan(found), 0.0, found), 0.0, 1.0)
 
 
 def applied_wrench(

@@ -19,7 +19,7 @@ from cylconn_ros.laws.bounds import bounds
 from cylconn_ros.laws.friction import limit
 from cylconn_ros.laws.normalised import Block, ratio, worst
 from cylconn_ros.laws.parameters import Parameters, world
-from cylconn_ros.laws.sample_state import SampleState
+from cylconn_ros.laws.sample_state import Frame, SampleState, frame
 from cylconn_ros.laws.slip import limit_size, reported_friction
 from cylconn_ros.laws.step import (
     CONSTRAINED,
@@ -39,10 +39,13 @@ REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
 CONSTRAINT = [layout.FORCE + 1, layout.FORCE + 2, layout.MOMENT + 1, layout.MOMENT + 2]
 
 
-def explicit_balance(block: Block, o: SampleState, s: Step) -> Array:
-    """Residual (n,) of the balance: opposite wrenches in q, components by their formulas."""
+def explicit_balance(block: Block, o: SampleState, s: Step, acting: Frame) -> Array:
+    """Residual (n,) of the balance: opposite wrenches, components by their formulas.
+
+    acting: the configuration in which the wrench acts.
+    """
     p, out = block.parameters, block.out
-    here = dataclasses.replace(s, frame=o.frame)
+    here = dataclasses.replace(s, frame=acting)
     rows = [
         wrench_residual(p, o, here, out),
         sum_residual(out),
@@ -64,6 +67,18 @@ def _elongation(p: Parameters, o: SampleState) -> tuple[Array, Array]:
     return o.position - reference, o.position_size + np.abs(reference)
 
 
+def _middle_frame(p: Parameters, o: SampleState) -> Frame:
+    """The configuration at the half of the step, of an exact plant, in which the wrench acts."""
+    h = np.where(p.explicit, 0.0, 0.5 * p.h)[:, None]
+    a, b = (
+        dataclasses.replace(
+            m, com=m.com + h * m.velocity, orientation=rigid.turned(m.orientation, h * m.spin)
+        )
+        for m in (o.a, o.b)
+    )
+    return frame(p, a, b, o.swing)
+
+
 def penalty(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     """Laws of penalty: constraint, stick and bounds are springs and dampers."""
     p, out = block.parameters, block.out
@@ -75,7 +90,7 @@ def penalty(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
         "constraint": constraint,
         **_return_mapping(block, o),
         "stops": _penalty_bounds(block, o),
-        "balance": explicit_balance(block, o, s),
+        "balance": explicit_balance(block, o, s, _middle_frame(block.parameters, o)),
     }
 
 
@@ -149,7 +164,7 @@ def augmented_lagrangian(block: Block, o: SampleState, s: Step) -> dict[str, Arr
     return {
         **_return_mapping(block, o),
         "stops": _penalty_bounds(block, o),
-        "balance": explicit_balance(block, o, s),
+        "balance": explicit_balance(block, o, s, _middle_frame(block.parameters, o)),
     }
 
 
@@ -172,7 +187,7 @@ def baumgarte(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
         ),
         "slip_direction": np.where(p.on, worst(ratio(rows, terms)), none),
         "dissipation": np.where(p.on, ratio(power, rigid.dot(np.abs(f.phi), size)), none),
-        "balance": explicit_balance(block, o, s),
+        "balance": explicit_balance(block, o, s, o.frame),
     }
 
 

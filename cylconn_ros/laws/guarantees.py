@@ -14,6 +14,7 @@ LAWS = (
     "slip_averaging",
     "stops",
     "balance",
+    "never_gains",
     "order",
 )
 """Names of the laws, in the order in which they are printed; docs/laws.md states each."""
@@ -32,6 +33,7 @@ GUARANTEES: dict[str, dict[str, str]] = {
         "slip_averaging": "theta = 1/2 only if the slip does not turn too far",
         "stops": "bounds on the rates are solved with friction",
         "balance": _BALANCE,
+        "never_gains": "the wrench is integrated on its predicted motion before it is sent",
     },
     "minimal": {
         "friction_limit": "FN is solved with the accelerations at every instant",

@@ -133,11 +133,12 @@ def _end(
         outer = sample[:, load : load + 6]
         lever = rigid.out_of(rigid.matrix(m.orientation), body.com)
         push = sign * force + outer[:, :3]
-        torque = sign * (np.cross(arm, force) + moment)
-        torque += outer[:, 3:] - np.cross(lever, outer[:, :3])
+        torque = sign * (np.cross(arm, force) + moment) + outer[:, 3:]
         torque_size = rigid.cross_size(arm_size, force_size) + moment_size
         torque_size += np.abs(outer[:, 3:]) + rigid.cross_size(lever, outer[:, :3])
-        end, turn = _moved(p, body, m, push, force_size + np.abs(outer[:, :3]), torque)
+        end, turn = _moved(
+            p, body, m, push, force_size + np.abs(outer[:, :3]), torque, outer[:, :3]
+        )
         known &= turn < MOST_TURN
         ends.append(end)
         turned = p.h[:, None] * rigid.out_of(np.abs(inverted), torque_size)
@@ -153,19 +154,24 @@ def _end(
 
 
 def _moved(
-    p: Parameters, body: Bodies, m: Motion, push: Array, push_size: Array, torque: Array
-) -> tuple[Motion, Array]:
-    """Motion after h under force and torque about the mass centre, and the angle of its turn."""
+    p: Parameters, body: Bodies, m: Motion, push: Array, push_size: Array, torque: Array,
+    pull: Array,
+) -> tuple[Motion, Array]:  # fmt: skip
+    """Motion after h under force and torque about the mass centre, and the angle of its turn.
+
+    pull: (n, 3) the part of the force that acts at the origin of the body frame.
+    """
     h, free = p.h[:, None], body.free[:, None]
     gain = np.where(free, p.gravity + body.inverse_mass[:, None] * push, 0.0)
     gain_size = np.abs(p.gravity) + body.inverse_mass[:, None] * push_size
     gain_size = np.where(free, gain_size, 0.0)
-    rate = angular_acceleration(
-        body, m.orientation, m.spin, np.abs(m.spin), torque, np.abs(torque)
-    )[0]
+    first = torque + _lever_torque(body, m.orientation, pull)
+    rate = angular_acceleration(body, m.orientation, m.spin, np.abs(m.spin), first, np.abs(first))[
+        0
+    ]
     bent = np.where(body.free, 0.5 * p.h * rigid.norm(rate), 0.0)
     turn = p.h * (rigid.norm(m.spin) + bent)
-    q, spin = _turned(p, body, m, torque, np.where(turn < MOST_TURN, turn, 0.0))
+    q, spin = _turned(p, body, m, torque, pull, _fine(p, body, pull, turn))
     still = rigid.turned(m.orientation, h * m.spin)
     end = Motion(
         m.com + h * m.velocity + 0.5 * h * h * gain,
@@ -178,27 +184,45 @@ def _moved(
     return end, turn
 
 
+def _fine(p: Parameters, body: Bodies, pull: Array, turn: Array) -> Array:
+    """(n,) rad that determine the number of steps: of the turn, and of the load's pendulum."""
+    j = body.inverse_inertia
+    trace = np.einsum("nii->n", j)
+    swings = np.sqrt(rigid.norm(pull) * rigid.norm(body.com) * trace)
+    return np.where(turn < MOST_TURN, turn + p.h * swings, 0.0)
+
+
+def _lever_torque(body: Bodies, q: Array, pull: Array) -> Array:
+    """(n, 3) torque about the mass centre of a force at the origin of the body frame."""
+    return np.asarray(-np.cross(rigid.out_of(rigid.matrix(q), body.com), pull), dtype=np.float64)
+
+
 def _turned(
-    p: Parameters, body: Bodies, m: Motion, torque: Array, turn: Array
+    p: Parameters, body: Bodies, m: Motion, torque: Array, pull: Array, turn: Array
 ) -> tuple[Array, Array]:
-    """Orientation and angular velocity after h under a torque constant in world axes."""
+    """Orientation and angular velocity after h; ``torque`` is constant in world axes."""
     steps = 1 + (10.0 * turn).astype(np.int64)
     dt = (p.h / steps)[:, None]
     q = m.orientation
     axes = rigid.matrix(q)
     momentum = rigid.out_of(axes, rigid.out_of(body.inertia, rigid.into(axes, m.spin)))
     for k in range(int(steps.max(initial=1))):
-        half, whole = momentum + 0.5 * dt * torque, momentum + dt * torque
-        k1 = _spin(body, q, momentum)
+        t1, k1 = torque + _lever_torque(body, q, pull), _spin(body, q, momentum)
+        q2 = rigid.turned(q, 0.5 * dt * k1)
+        t2 = torque + _lever_torque(body, q2, pull)
         u = 0.5 * dt * k1
-        k2 = _rate(u, _spin(body, rigid.turned(q, u), half))
+        k2 = _rate(u, _spin(body, q2, momentum + 0.5 * dt * t1))
         u = 0.5 * dt * k2
-        k3 = _rate(u, _spin(body, rigid.turned(q, u), half))
+        q3 = rigid.turned(q, u)
+        t3 = torque + _lever_torque(body, q3, pull)
+        k3 = _rate(u, _spin(body, q3, momentum + 0.5 * dt * t2))
         u = dt * k3
-        k4 = _rate(u, _spin(body, rigid.turned(q, u), whole))
+        q4 = rigid.turned(q, u)
+        t4 = torque + _lever_torque(body, q4, pull)
+        k4 = _rate(u, _spin(body, q4, momentum + dt * t3))
         goes = (k < steps)[:, None]
         q = np.where(goes, rigid.turned(q, dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)), q)
-        momentum = np.where(goes, whole, momentum)
+        momentum = np.where(goes, momentum + dt / 6.0 * (t1 + 2.0 * t2 + 2.0 * t3 + t4), momentum)
     return q, _spin(body, q, momentum)
 
 

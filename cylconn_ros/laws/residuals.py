@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
+from cylconn_ros.laws import never_gains
 from cylconn_ros.laws.balance import component_residual, wrench_residual
 from cylconn_ros.laws.explicit_methods import augmented_lagrangian, baumgarte, penalty
 from cylconn_ros.laws.guarantees import guaranteed_laws
@@ -27,8 +28,10 @@ from cylconn_ros.laws.stops import bounds_of, stops
 Array = NDArray[np.float64]
 
 
-def check(block: Block, method: str = "impulse") -> dict[str, Array]:
+def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict[str, Array]:
     """Residuals (n,) by name of the laws that the method guarantees for a sample.
+
+    in_order: the samples follow each other, so that energy is summed over them.
 
     The balance residual is infinite for an output with a value that is not finite or a status other
     than OK.
@@ -37,6 +40,8 @@ def check(block: Block, method: str = "impulse") -> dict[str, Array]:
     o = state_of(p, block.sample, block.past)
     s = prepare_step(p, o, block.sample)
     found = RESIDUALS[method](block, o, s)
+    if "never_gains" in guaranteed_laws(method):
+        found["never_gains"] = never_gains.residual(block, o, s, in_order)
     usable = np.all(np.isfinite(block.out), axis=1) & (block.out[:, layout.STATUS] == 0)
     found["balance"] = np.maximum(found["balance"], np.where(usable, 0.0, np.inf))
     return {law: found[law] for law in guaranteed_laws(method)}
@@ -57,7 +62,7 @@ def impulse(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
         "constraint": constraint(s, end, end_size),
         **friction_laws(block, o, s, end, end_size, reactions),
         "stops": stops(block, o, s, b, end, end_size),
-        "balance": np.maximum(wrench_residual(p, o, s, out), components),
+        "balance": np.maximum(wrench_residual(p, o, s, out, weakened=True), components),
     }
 
 

@@ -120,7 +120,7 @@ def first_violation(scene: Scene, states: Array, outs: Array) -> str:
     block, _ = next(simulated(scene, method, states, outs).blocks())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a diverged run overflows
-        found = residuals.check(block, method)
+        found = residuals.check(block, method, in_order=True)
     for law, values in found.items():
         worst = float(np.max(values, initial=0.0, where=~np.isnan(values)))
         if not worst <= TOLERANCE:

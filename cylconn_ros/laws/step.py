@@ -88,7 +88,10 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
     spin, none = np.abs(m.spin), np.zeros_like(torque)
     start, start_size = angular_acceleration(body, m.orientation, m.spin, spin, none, none)
     spins = m.spin + 0.5 * h * start, spin + 0.5 * h * start_size
-    middle = angular_acceleration(body, half, *spins, torque, size)
+    later = rigid.out_of(rigid.matrix(half), body.com)  # the point of application turns too
+    turned = load[:, 3:] - np.cross(later, force)
+    turned_size = np.abs(load[:, 3:]) + rigid.cross_size(later, force)
+    middle = angular_acceleration(body, half, *spins, turned, turned_size)
     frozen = angular_acceleration(body, m.orientation, m.spin, spin, torque, size)
     turn, turn_size = (
         np.where(free, np.where(explicit, one, other), 0.0)
@@ -104,6 +107,7 @@ def _free_step(p: Parameters, body: Bodies, m: Motion, load: Array) -> _Free:
         m.com_size + np.where(explicit, 0.0, ahead),
         m.velocity_size,
     )
+    half = np.where(explicit, m.orientation, half)
     return _Free(there, half, h * acceleration, h * turn, h * turn_size)
 
 

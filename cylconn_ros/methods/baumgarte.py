@@ -103,7 +103,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     return flags | write_wrenches(
         par, mem, out, f, force, moment, body_a, body_b, o.a, o.b,
         turned(o.a.orientation, scale(0.5 * h, o.a.spin)),
-        turned(o.b.orientation, scale(0.5 * h, o.b.spin)),
+        turned(o.b.orientation, scale(0.5 * h, o.b.spin)), 1.0,
     )  # fmt: skip
 
 

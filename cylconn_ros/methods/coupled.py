@@ -129,7 +129,7 @@ def complete_coupled(
     )
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     av = solve_free_axes(par, mem, o, r, h, model.output(par).semi_implicit)
-    flags = impulse.write_outputs(par, mem, out, o, s, av, h)
+    flags = impulse.write_outputs(par, mem, out, o, s, av, h, 1.0)
     store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
     out[layout.RESIDUAL] = (
         av.solved.residual

@@ -3,8 +3,10 @@
 from typing import NamedTuple
 
 from cylconn_ros.core import model
+from cylconn_ros.core.driven_acceleration import driven_acceleration
 from cylconn_ros.core.free_gain import is_simulators
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.held_step import Load, load_torque
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.rigid_body import Body, Motion, angular_acceleration
 from cylconn_ros.core.vectors import (
@@ -12,11 +14,7 @@ from cylconn_ros.core.vectors import (
     Vector,
     add,
     add_scaled,
-    cross,
-    matrix,
-    out_of,
     scale,
-    sub,
     turned,
 )
 
@@ -26,31 +24,41 @@ class FreeStep(NamedTuple):
 
     middle: Motion  # its velocity is not used
     end: Motion  # its configuration is not used
-    orientation: Quaternion  # at the half of the step
+    orientation: Quaternion  # in which a wrench held in body axes has its mean: half of the step
+
+
+@inline_function
+def _driven_step(m: Motion, linear: Vector, angular: Vector, h: float, explicit: bool) -> FreeStep:
+    """The free step of a body of infinite inertia, under the acceleration of its samples."""
+    if explicit:
+        return FreeStep(m, m, m.orientation)
+    half_spin = add_scaled(m.spin, 0.25 * h, angular)
+    half = turned(m.orientation, scale(0.5 * h, half_spin))
+    com = add_scaled(add_scaled(m.com, 0.5 * h, m.velocity), h * h / 6.0, linear)
+    velocity, spin = add_scaled(m.velocity, h, linear), add_scaled(m.spin, h, angular)
+    return FreeStep(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
 
 
 @inline_function
 def _free_step(
-    par: Array, body: Body, m: Motion, load: Vector, torque: Vector, to_middle: Vector, h: float,
-    explicit: bool,
-) -> FreeStep:  # fmt: skip
+    par: Array, body: Body, m: Motion, load: Load, to_middle: Vector, h: float, explicit: bool
+) -> FreeStep:
     """The free step; ``explicit``: evaluated at its start, as a semi-implicit plant does.
 
-    ``to_middle``: torque that changes the angular velocity until the middle of the step.
+    ``to_middle``: torque that changes the angular velocity until the middle of the step. The torque
+    of the load is that in the middle: its point of application turns with the body.
     """
-    if not body.free:
-        q = turned(m.orientation, scale(0.5 * h, m.spin))
-        if explicit:
-            return FreeStep(m, m, q)
-        return FreeStep(Motion(add_scaled(m.com, 0.5 * h, m.velocity), q, m.velocity, m.spin), m, q)
-    a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load)
+    a = add_scaled(model.vector(par, model.GRAVITY), body.inverse_mass, load.force)
     velocity = add_scaled(m.velocity, h, a)
     half = turned(m.orientation, scale(0.5 * h, m.spin))
     if explicit:
+        torque = load_torque(body, m.orientation, load)
         dw = angular_acceleration(body, m.orientation, m.spin, torque)
-        return FreeStep(m, Motion(m.com, half, velocity, add_scaled(m.spin, h, dw)), half)
+        end = Motion(m.com, half, velocity, add_scaled(m.spin, h, dw))
+        return FreeStep(m, end, m.orientation)
     com = add_scaled(add_scaled(m.com, 0.5 * h, m.velocity), h * h / 6.0, a)
     dw = angular_acceleration(body, m.orientation, m.spin, to_middle)
+    torque = load_torque(body, half, load)
     dw = angular_acceleration(body, half, add_scaled(m.spin, 0.5 * h, dw), torque)
     spin = add_scaled(m.spin, h, dw)
     return FreeStep(Motion(com, half, velocity, spin), Motion(com, half, velocity, spin), half)
@@ -67,10 +75,12 @@ def free_step(
     and whose effect its next step corrects. Where the simulator keeps the constraint, nothing is
     corrected: it includes the load and the wrench of the last step, at ``last`` in ``mem``.
     """
-    load = model.vector(sample, at)
-    arm = out_of(matrix(m.orientation), body.com)
-    torque = sub(model.vector(sample, at + 3), cross(arm, load))
+    if not body.free:
+        linear, angular = driven_acceleration(mem, last)
+        return _driven_step(m, linear, angular, h, explicit)
+    load = Load(model.vector(sample, at), model.vector(sample, at + 3), (0.0, 0.0, 0.0))
     to_middle = (0.0, 0.0, 0.0)
     if is_simulators(par):
+        torque = load_torque(body, m.orientation, load)
         to_middle = add(torque, model.vector(mem, last + 3))
-    return _free_step(par, body, m, load, torque, to_middle, h, explicit)
+    return _free_step(par, body, m, load, to_middle, h, explicit)

@@ -43,7 +43,12 @@ from cylconn_ros.core.free_gain import (
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Nodes, Twist, frame, relative_twist
-from cylconn_ros.core.output_wrenches import add_reactions, write_wrenches
+from cylconn_ros.core.output_wrenches import (
+    ComWrenches,
+    add_reactions,
+    limited_wrenches,
+    write_wrenches,
+)
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.small_matrices import Four, factor, solve
@@ -58,6 +63,7 @@ from cylconn_ros.core.vectors import (
 from cylconn_ros.methods.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.free_axes import FreeAxes, solve_free_axes, write_state
 from cylconn_ros.methods.free_step import FreeStep, free_step
+from cylconn_ros.methods.never_gains import Halves, kept_share, turns_far
 from cylconn_ros.methods.predicted_end import (
     GAIN,
     MAX_TURN,
@@ -183,9 +189,13 @@ def _with_predicted_end(
 
 @inline_function
 def write_outputs(
-    par: Array, mem: Array, out: Array, o: RelativeState, s: PreparedStep, av: FreeAxes, h: float
-) -> int:
-    """Write wrenches and state for the forces on slide and spin; returns the flags."""
+    par: Array, mem: Array, out: Array, o: RelativeState, s: PreparedStep, av: FreeAxes, h: float,
+    share: float,
+) -> int:  # fmt: skip
+    """Write wrenches and state for the forces on slide and spin; returns the flags.
+
+    ``share``: factor on the wrenches (methods/never_gains.py).
+    """
     f1, m1 = mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1]
     force = (f1, av.constraint[0], av.constraint[1])
     moment = (m1, av.constraint[2], av.constraint[3])
@@ -196,7 +206,7 @@ def write_outputs(
     flags |= write_wrenches(
         par, mem, out, s.acting, sent_force, sent_moment,
         o.body_a, o.body_b, o.a, o.b,
-        s.a.orientation, s.b.orientation,
+        s.a.orientation, s.b.orientation, share,
     )  # fmt: skip
     if is_simulators(par):
         add_reactions(mem, s.acting, (0.0, force[1], force[2]), (0.0, moment[1], moment[2]))
@@ -211,6 +221,28 @@ def write_outputs(
     return flags
 
 
+@inline_function
+def _kept_share(
+    par: Array, mem: Array, sample: Array, o: RelativeState, s: PreparedStep, av: FreeAxes, h: float
+) -> float:
+    """Factor on the wrenches for law N; 1 where they turn little in the step."""
+    if is_simulators(par):
+        return 1.0
+    f1, m1 = mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1]
+    force, moment = (
+        (f1, av.constraint[0], av.constraint[1]),
+        (m1, av.constraint[2], av.constraint[3]),
+    )
+    w, limited = limited_wrenches(par, s.acting, force, moment)
+    if not turns_far(o, s.acting, w, h):
+        return 1.0
+    if limited < 1.0:
+        push = scale(limited, w.force)
+        w = ComWrenches(push, scale(limited, w.torque_a), scale(limited, w.torque_b))
+    halves = Halves(s.a.orientation, s.b.orientation)
+    return kept_share(par, mem, sample, o, s.g, halves, w, limited, h)
+
+
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
@@ -218,7 +250,10 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     s = prepare_step(par, mem, sample, o, h, True)
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     av = solve_free_axes(par, mem, o, s.reduced, h, model.output(par).semi_implicit)
-    flags = write_outputs(par, mem, out, o, s, av, h)
+    share = _kept_share(par, mem, sample, o, s, av, h)
+    flags = write_outputs(par, mem, out, o, s, av, h, share)
+    if share < 1.0:
+        flags |= layout.GAINS_LOWERED
     store_step(par, mem, s.reduced.free, s.reduced.a, flags & layout.LIMITED != 0)
     return flags
 

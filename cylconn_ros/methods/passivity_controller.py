@@ -32,10 +32,10 @@ WINDOW = 64  # samples
 SHORTEST = 8  # samples, of a window that ends early because the energy grows fast
 SMALL_SHARE = 1e-3  # of the requested gain: below it the multiplier is not the cause
 GROWTH = 4.0  # of the peak energy over the least peak
-HALF_CYCLES = 3.0  # of an oscillation that grow in a row
+HALF_CYCLES = 5.0  # of an oscillation that grow in a row
 HALF_CYCLE_GROWTH = 1.2  # of the square of its greatest rate
 STRONG_GROWTH = 4.0
-LEAST_RATE = 1e-6  # m/s or rad/s: smaller rates are rounding
+LEAST_RATE = 1e-3  # m/s or rad/s: smaller oscillations are harmless, or not yet known to grow
 LEAST_ERROR = 1e-9  # m or rad: smaller errors are rounding
 
 # Section of MEM for one pair of components; all zero at the start.

@@ -22,7 +22,9 @@ bracket, which would add energy, is omitted, and the target is -e/h alone.
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.driven_acceleration import driven_acceleration
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.held_step import Load, held_step, load_torque, load_turns
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Twist, frame, out_of_swung, relative_twist
 from cylconn_ros.core.relative_state import RelativeState, constraint_error
@@ -31,13 +33,15 @@ from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import (
     Vector,
     add,
+    add_scaled,
     cross,
-    matrix,
     norm,
     out_of,
     scale,
-    sub,
+    turned,
 )
+
+Two = tuple[Vector, Vector]
 
 MIN_TURN = 0.1  # |w| h, rad, above which the prediction is worth its cost
 MAX_TURN = 0.6  # |w| h, rad, up to which it helps
@@ -55,15 +59,30 @@ class PredictedEnd(NamedTuple):
 
 
 @inline_function
-def _total_load(
-    par: Array, body: Body, m: Motion, sample: Array, at: int, force: Vector, torque: Vector
-) -> tuple[Vector, Vector]:
-    """Force and torque about the mass centre with gravity and the load at ``at``."""
-    load = model.vector(sample, at)
-    arm = out_of(matrix(m.orientation), body.com)
-    torque = add(torque, sub(model.vector(sample, at + 3), cross(arm, load)))
+def _load(par: Array, body: Body, sample: Array, at: int) -> Load:
+    """The load at ``at`` and gravity."""
     weight = scale(body.mass if body.free else 0.0, model.vector(par, model.GRAVITY))
-    return add(add(force, load), weight), torque
+    return Load(model.vector(sample, at), model.vector(sample, at + 3), weight)
+
+
+@device_function
+def _end(
+    body: Body, m: Motion, force: Vector, torque: Vector, load: Load, acceleration: Two, h: float
+) -> Motion:
+    """The motion after h under a wrench about the mass centre, as the plant moves the body."""
+    if load_turns(body, load):
+        return held_step(body, m, force, torque, load, h, False).end
+    torque = add(torque, load_torque(body, m.orientation, load))
+    end = exact_step(body, m, add(add(force, load.force), load.weight), torque, h)
+    if body.free:
+        return end
+    linear, angular = acceleration
+    return Motion(
+        add_scaled(end.com, 0.5 * h * h, linear),
+        turned(m.orientation, scale(h, add_scaled(m.spin, 0.5 * h, angular))),
+        add_scaled(m.velocity, h, linear),
+        add_scaled(m.spin, h, angular),
+    )
 
 
 @inline_function
@@ -84,16 +103,19 @@ def predict_end(
     push, turn = out_of(f.axes, force), out_of_swung(f, moment)
     turn_a = scale(-1.0, add(cross(f.arm_a, push), turn))
     turn_b = add(cross(f.arm_b, push), turn)
-    push_a, turn_a = _total_load(
-        par, o.body_a, o.a, sample, layout.A_LOAD, scale(-1.0, push), turn_a
+    load_a = _load(par, o.body_a, sample, layout.A_LOAD)
+    load_b = _load(par, o.body_b, sample, layout.B_LOAD)
+    far_a = _turn_angle(
+        o.body_a, o.a, add(turn_a, load_torque(o.body_a, o.a.orientation, load_a)), h
     )
-    push_b, turn_b = _total_load(par, o.body_b, o.b, sample, layout.B_LOAD, push, turn_b)
-    if (
-        not max(_turn_angle(o.body_a, o.a, turn_a, h), _turn_angle(o.body_b, o.b, turn_b, h))
-        < MAX_PREDICTED_TURN
-    ):
+    far_b = _turn_angle(
+        o.body_b, o.b, add(turn_b, load_torque(o.body_b, o.b.orientation, load_b)), h
+    )
+    if not max(far_a, far_b) < MAX_PREDICTED_TURN:
         return PredictedEnd(o.twist, o.error, False)
-    a = exact_step(o.body_a, o.a, push_a, turn_a, h)
-    b = exact_step(o.body_b, o.b, push_b, turn_b, h)
+    a = _end(
+        o.body_a, o.a, scale(-1.0, push), turn_a, load_a, driven_acceleration(mem, model.LAST_A), h
+    )
+    b = _end(o.body_b, o.b, push, turn_b, load_b, driven_acceleration(mem, model.LAST_B), h)
     twist = relative_twist(frame(o.nodes, a, b), a, b)
     return PredictedEnd(twist, constraint_error(mem, o.nodes, a, b), True)
