@@ -132,6 +132,14 @@ class Connector:
         """
         return self._handle, self._par, self._mem, self._period
 
+    def use_arrays(self, par: Array, mem: Array) -> None:
+        """Keep parameters and memory in the arrays given from now on, with their present content.
+
+        For a group, which has those of all its connectors in one array.
+        """
+        par[:], mem[:] = self._par, self._mem
+        self._par, self._mem = par, mem
+
     @property
     def latency(self) -> float:
         """Samples between a sample and the action of its wrench: given, or estimated so far."""

@@ -1,26 +1,57 @@
-"""The step of method impulse in two parts, for connectors that share bodies.
+"""The step of method impulse for connectors that share bodies, solved together.
 
-The wrench of each connector moves the bodies of the others, so that the step is split:
-:func:`prepare_coupled` computes the quantities of a connector before wrenches act, and
-:func:`complete_coupled` completes the step after the constraints of all connectors are eliminated
-together and the friction of the others is known (connector/group.py). Both use the functions of the
-step of a single connector.
+Let Lambda_c be the wrench of connector c and w_c+ the relative twist at its node b at the end of
+the step. The wrenches of all connectors move the bodies:
+
+    v+ = vf + h M^-1 sum_d J~_d^T Lambda_d        w_c+ = J~_c vf + h sum_d G_cd Lambda_d
+    G_cd = J~_c M^-1 J~_d^T                       the Delassus operator
+
+The constrained rows of all connectors (y, z and both misalignments of each) have the targets of a
+single connector:
+
+    R = P (b - G_ra phi)        R: f2 f3 m2 m3 of all; phi: f1 m1 of all; b = (target - J~ vf)/h
+
+P gives the minimum-norm solution (core/least_norm.py) in the metric sum f^2 + (m / arm)^2: if
+connectors constrain a body redundantly, the reactions are the smallest that satisfy the
+constraints. What remains are slide and spin of all (core/group_friction.py). With their solution,
+each connector completes its step as if it were alone, the forces of the others being known
+(methods/free_axes.py): it solves its friction and limits once more, and stores its history.
 """
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import correction_share, rate_share, reliable_restitution
+from cylconn_ros.core.dense import solve_general
 from cylconn_ros.core.free_gain import store_step, update_gain
-from cylconn_ros.core.friction import Array
-from cylconn_ros.core.jit import inline_function, kernel
+from cylconn_ros.core.friction import SIZE, Array, coefficient, contact, limit, set_limit
+from cylconn_ros.core.group_friction import (
+    GroupProblem,
+    limit_friction,
+    solve_group_friction,
+)
+from cylconn_ros.core.jit import device_function, inline_function, kernel
+from cylconn_ros.core.joint_limits import (
+    bounds,
+    imposed_force,
+    start_imposed_motion,
+    update_lock,
+)
 from cylconn_ros.core.kinematics import Frame, Twist, relative_twist
+from cylconn_ros.core.least_norm import (
+    factor_projected,
+    null_space,
+    project,
+    solve_projected,
+)
 from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
 from cylconn_ros.methods import impulse
-from cylconn_ros.methods.complementarity import ReducedStep
+from cylconn_ros.methods.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.dispatch import begin, finish
-from cylconn_ros.methods.free_axes import solve_free_axes
+from cylconn_ros.methods.free_axes import solve_free_axes, with_springs
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes
@@ -31,18 +62,60 @@ FREE: Final = 90  # J~ vf, 6
 JACOBIAN_CHANGE: Final = 96  # 6
 TARGET: Final = 102  # 4
 MEASURED: Final = 106  # v1, w1 of the sample, 2
-NPREPARED: Final = 108
+PUSH: Final = 108  # springs, dampers, actuation: (f1, m1) = push - E w+ + x, 2
+E: Final = 110  # 2
+LOW: Final = 112  # bounds of w+, 2
+HIGH: Final = 114
+BACK: Final = 116  # the rate that restores the position that stick holds, 2
+WAS_STICK: Final = 118
+NPREPARED: Final = 119
 
-# --- reduced (NREDUCED,): constraints eliminated, see ReducedStep in methods/complementarity.py ---
-BASE: Final = 0  # 4
-BY_F1: Final = 4  # 4
-BY_M1: Final = 8  # 4
-FREE_SLIP: Final = 12  # 2
-A: Final = 14  # 3
-NREDUCED: Final = 17
+# --- constants of a connector in its group (NCONSTANTS,) ---
+PLACE_A: Final = 0  # number of the body among the free ones of the group; -1: none
+PLACE_B: Final = 1
+ARM: Final = 2  # m, that relates moments to forces
+RADIUS: Final = 3  # m, the same for slide and spin
+NCONSTANTS: Final = 4
+
+# --- report of a step ---
+RESIDUAL: Final = 0  # of friction and limits of all
+STEPS: Final = 1  # Newton steps
+OFF: Final = 2  # rate of the constraints that contradict each other, m/s
+NREPORT: Final = 3
+
+MOVABLE: Final = 1e-9  # relative mobility of a component; below it the other connectors hold it
+CONTRADICTION: Final = 1e-5  # m in a step, by which constraints may contradict each other
+AT_REST: Final = 1e-12  # slip over the terms that make it up
+CONVERGED: Final = 1e-9  # residual of a solution
 
 _ZERO: Final = (0.0, 0.0, 0.0)
 _IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
+
+
+class Arrays(NamedTuple):
+    """Parts of the working memory of a step; N connectors, q = 4 N, n = 2 N."""
+
+    scratch: Array  # (NMEM,) memory of a trial
+    prepared: Array  # (N, NPREPARED)
+    moved: Array  # (N, 72) J~ M^-1 of A, of B
+    g: Array  # (6 N, 6 N) Delassus operator
+    like: Array  # (q, q) J J^T of the constrained rows for bodies of equal mass
+    k: Array  # (q, q) constrained rows of G, scaled, factored
+    z: Array  # (q, q) null space in rows
+    order: Array  # (q,)
+    scale: Array  # (q,)
+    x: Array  # (n + 1, q) solutions for phi, and the constant one in the last row
+    a: Array  # (n, n) h A
+    slip: Array  # (n,)
+    system: Array  # (n, 2 n + 1)
+    forces: Array  # (n,) f1, m1 of all
+    was_stick: Array  # (N,)
+    rank: Array  # (1,) of the constraints
+
+
+def working_size(count: int) -> int:
+    """Length of the working memory of a group of ``count`` connectors, at least what it takes."""
+    return model.NMEM + 200 * count * count + 500 * count + 64
 
 
 @inline_function
@@ -83,8 +156,8 @@ def _put_twist(a: Array, at: int, twist: Twist) -> None:
     model.write_vector(a, at + 3, twist.w)
 
 
-@kernel
-def prepare_coupled(
+@device_function
+def _prepare(
     par: Array, mem: Array, sample: Array, h: float, out: Array, prepared: Array
 ) -> int:
     """Write ``prepared`` (NPREPARED,) for a sample; returns the status of a step.
@@ -103,35 +176,499 @@ def prepare_coupled(
     _put_twist(prepared, JACOBIAN_CHANGE, s.jacobian_change)
     for k in range(4):
         prepared[TARGET + k] = s.target[k]
-    prepared[MEASURED], prepared[MEASURED + 1] = o.twist.v[0], o.twist.w[0]
+    update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
+    sp = with_springs(par, mem, o, s.reduced, h, (imposed_force(par, 0), imposed_force(par, 1)))
+    component = int(par[model.LOCK])
+    locked = False
+    if component == 1:
+        locked = update_lock(par, mem, o.length, o.twist.v[0], h)
+    elif component == 2:
+        locked = update_lock(par, mem, o.angle, o.twist.w[0], h)
+    was_stick = mem[model.WAS_STICK] != 0.0
+    explicit = model.output(par).semi_implicit
+    keep, share = rate_share(par, mem, explicit), correction_share(par, mem)
+    eps = reliable_restitution(par, mem)
+    for k in range(2):
+        x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
+        start_imposed_motion(par, mem, k, x)
+        b = bounds(par, mem, k, x, w, h, eps, locked and component == k + 1)
+        prepared[LOW + k], prepared[HIGH + k] = b.low, b.high
+        prepared[MEASURED + k] = w
+        prepared[PUSH + k], prepared[E + k] = sp.push[k], sp.e[k]
+        held = x if mem[model.STICK_SAMPLES] == 1.0 else mem[model.STICK_LENGTH + k]
+        prepared[BACK + k] = share * (x - held) / h + keep * w if was_stick else 0.0
+    prepared[WAS_STICK] = 1.0 if was_stick else 0.0
     return layout.OK
 
 
-@kernel
-def complete_coupled(
-    par: Array, mem: Array, sample: Array, h: float, reduced: Array, out: Array
-) -> int:
-    """Complete the step with the constraints of all eliminated: ``reduced`` (NREDUCED,).
+@inline_function
+def _write_moved(par: Array, constants: Array, prepared: Array, moved: Array) -> None:
+    """J~ M^-1 of both bodies; zero for a body that is not free."""
+    for side in range(2):
+        body = model.BODY_A if side == 0 else model.BODY_B
+        free = constants[PLACE_A + side] >= 0.0
+        inverse_mass = par[body + 2] if free else 0.0
+        rates, tensor = JACOBIAN_A + 36 * side, INVERSE_A + 9 * side
+        for i in range(6):
+            for k in range(3):
+                moved[36 * side + 6 * i + k] = prepared[rates + 6 * i + k] * inverse_mass
+                total = 0.0
+                for m in range(3):
+                    total += prepared[rates + 6 * i + 3 + m] * prepared[tensor + 3 * m + k]
+                moved[36 * side + 6 * i + 3 + k] = total if free else 0.0
 
-    ``mem`` and ``out`` as of a step; with a copy of ``mem`` it is a trial step. Returns the status.
-    """
+
+@device_function
+def _delassus(a: Arrays, count: int, par: Array, constants: Array) -> None:
+    """G of all, and J J^T of the constrained rows for bodies of unit mass and gyration."""
+    for c in range(count):
+        for d in range(c + 1):
+            for i in range(6):
+                for j in range(6):
+                    a.g[6 * c + i, 6 * d + j] = 0.0
+            for i in range(4):
+                for j in range(4):
+                    a.like[4 * c + i, 4 * d + j] = 0.0
+            for side in range(2):
+                for other in range(2):
+                    same = constants[c, PLACE_A + side] == constants[d, PLACE_A + other]
+                    if same and constants[c, PLACE_A + side] >= 0.0:
+                        _add_shared(a, par[c], c, d, side, other)
+            for i in range(6):
+                for j in range(6):
+                    a.g[6 * d + j, 6 * c + i] = a.g[6 * c + i, 6 * d + j]
+            for i in range(4):
+                for j in range(4):
+                    a.like[4 * d + j, 4 * c + i] = a.like[4 * c + i, 4 * d + j]
+
+
+@inline_function
+def _add_shared(a: Arrays, par: Array, c: int, d: int, side: int, other: int) -> None:
+    """Add the part of one shared body to the blocks of connectors c and d."""
+    moved, rates = 36 * side, JACOBIAN_A + 36 * other
+    own = JACOBIAN_A + 36 * side
+    tensor, mass = INVERSE_A + 9 * side, model.BODY_A + 1 if side == 0 else model.BODY_B + 1
+    trace = a.prepared[c, tensor] + a.prepared[c, tensor + 4] + a.prepared[c, tensor + 8]
+    turning = par[mass] * trace / 3.0  # 1 / gyration^2
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += a.moved[c, moved + 6 * i + k] * a.prepared[d, rates + 6 * j + k]
+            a.g[6 * c + i, 6 * d + j] += total
+    for i in range(4):
+        for j in range(4):
+            at, to = own + 6 * _row(i), rates + 6 * _row(j)
+            total = 0.0
+            for k in range(6):
+                weight = 1.0 if k < 3 else turning
+                total += weight * a.prepared[c, at + k] * a.prepared[d, to + k]
+            a.like[4 * c + i, 4 * d + j] += total
+
+
+@inline_function
+def _row(i: int) -> int:
+    """The component of a relative twist that the constrained row i of four is."""
+    return i + 1 if i < 2 else i + 2
+
+
+@device_function
+def _eliminate(a: Arrays, count: int, constants: Array, h: float) -> float:
+    """Eliminate the constraints of all; returns the rate by which they contradict each other."""
+    n, q = 2 * count, 4 * count
+    for i in range(q):
+        gi, arm_i = 6 * (i // 4) + _row(i % 4), constants[i // 4, ARM] if i % 4 > 1 else 1.0
+        for j in range(q):
+            arm_j = constants[j // 4, ARM] if j % 4 > 1 else 1.0
+            a.like[i, j] *= arm_i * arm_j
+            a.k[i, j] = arm_i * arm_j * a.g[gi, 6 * (j // 4) + _row(j % 4)]
+        for j in range(n):
+            a.x[j, i] = -arm_i * a.g[gi, 6 * (j // 2) + 3 * (j % 2)]
+        c = i // 4
+        rate = a.prepared[c, TARGET + i % 4] - a.prepared[c, FREE + _row(i % 4)]
+        a.x[n, i] = arm_i * rate / h
+    rank = null_space(a.like, q, a.order, a.scale, a.z)
+    a.rank[0] = rank
+    factor_projected(a.k, q, rank, a.order, a.z)
+    off = 0.0
+    for j in range(n + 1):
+        off = solve_projected(a.k, q, rank, a.order, a.z, a.x[j])
+        for i in range(q):
+            if i % 4 > 1:
+                a.x[j, i] *= constants[i // 4, ARM]
+    for i in range(n):
+        gi = 6 * (i // 2) + 3 * (i % 2)
+        for j in range(n + 1):
+            total = 0.0
+            for k in range(q):
+                total += a.g[gi, 6 * (k // 4) + _row(k % 4)] * a.x[j, k]
+            if j < n:
+                a.a[i, j] = h * (a.g[gi, 6 * (j // 2) + 3 * (j % 2)] + total)
+            else:
+                at = 3 * (i % 2)
+                free = a.prepared[i // 2, FREE + at] + a.prepared[i // 2, JACOBIAN_CHANGE + at]
+                a.slip[i] = free + h * total
+    for i in range(n):
+        gi = 6 * (i // 2) + 3 * (i % 2)
+        if not a.a[i, i] > MOVABLE * h * a.g[gi, gi]:
+            a.slip[i] = 0.0
+            for j in range(n):
+                a.a[i, j] = a.a[j, i] = 0.0
+    return off * h
+
+
+@device_function
+def _pose(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
+    """Write the problem of slide and spin, springs included, in scaled components."""
+    n, q = 2 * g.count, 4 * g.count
+    sprung = False
+    for i in range(n):
+        sprung = sprung or a.prepared[i // 2, E + i % 2] != 0.0
+    for i in range(n):
+        total = a.slip[i]
+        for j in range(n):
+            total += a.a[i, j] * a.prepared[j // 2, PUSH + j % 2]
+            g.s[i, j] = a.a[i, j]
+            if sprung:
+                a.system[i, j] = a.a[i, j] * a.prepared[j // 2, E + j % 2]
+                a.system[i, n + j] = a.a[i, j]
+        g.free[i] = total
+        if sprung:
+            a.system[i, i] += 1.0
+            a.system[i, 2 * n] = total
+    if sprung:
+        solve_general(a.system, n, n + 1)
+        for i in range(n):
+            g.free[i] = a.system[i, 2 * n]
+            for j in range(n):
+                g.s[i, j] = a.system[i, n + j]
+    for i in range(q):
+        base = a.x[n, i]
+        for j in range(n):
+            e = a.prepared[j // 2, E + j % 2]
+            base += a.x[j, i] * (a.prepared[j // 2, PUSH + j % 2] - e * g.free[j])
+            by = a.x[j, i]
+            for k in range(n if sprung else 0):
+                by -= a.x[k, i] * a.prepared[k // 2, E + k % 2] * g.s[k, j]
+            g.by[i, j] = by
+        g.base[i] = base
+    _scale(g, a, constants, h)
+
+
+@inline_function
+def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
+    """Scale spin by the radius; write what else describes the problem."""
+    n, q = 2 * g.count, 4 * g.count
+    for j in range(n):
+        c = j // 2
+        r = constants[c, RADIUS] if j % 2 == 1 else 1.0
+        g.moves[j] = 1.0 if a.a[j, j] > 0.0 else 0.0
+        g.free[j] *= r
+        for i in range(n):
+            g.s[i, j] *= r
+            g.s[j, i] *= r
+        for i in range(q):
+            g.by[i, j] *= r
+        g.low[j], g.high[j] = r * a.prepared[c, LOW + j % 2], r * a.prepared[c, HIGH + j % 2]
+        g.back[j] = r * a.prepared[c, BACK + j % 2] * g.moves[j]
+        g.before[j] = r * a.prepared[c, MEASURED + j % 2] * g.moves[j]
+        g.phi[j] = g.p[j] = g.anchor[j] = 0.0
+    for c in range(g.count):
+        par = g.par[c]
+        mobility = (par[model.BODY_A + 2] if par[model.BODY_A] != 0.0 else 0.0) + (
+            par[model.BODY_B + 2] if par[model.BODY_B] != 0.0 else 0.0
+        )
+        g.mobility[c] = h * mobility
+        greatest = max(g.s[2 * c, 2 * c], g.s[2 * c + 1, 2 * c + 1])
+        g.gain[c] = greatest if greatest > 0.0 else 1.0
+        g.on[c] = 1.0 if greatest > 0.0 and model.law(par).on else 0.0
+        g.forced[c] = 0.0
+        a.was_stick[c] = a.prepared[c, WAS_STICK]
+
+
+@inline_function
+def _write_total(g: GroupProblem, a: Arrays, constants: Array) -> None:
+    """(f1, m1) of all for the solution."""
+    for j in range(2 * g.count):
+        c, k = j // 2, j % 2
+        r = constants[c, RADIUS] if k == 1 else 1.0
+        rate = g.end[j] / r
+        a.forces[j] = a.prepared[c, PUSH + k] - a.prepared[c, E + k] * rate
+        a.forces[j] += r * (g.phi[j] + g.p[j])
+
+
+@inline_function
+def _reduced(a: Arrays, c: int, count: int, h: float) -> ReducedStep:
+    """The step of connector c with the forces on slide and spin of the others known."""
+    n, i, j = 2 * count, 2 * c, 2 * c + 1
+    b0, b1, b2, b3 = a.x[n, 4 * c], a.x[n, 4 * c + 1], a.x[n, 4 * c + 2], a.x[n, 4 * c + 3]
+    free1, free2 = a.slip[i], a.slip[j]
+    for k in range(n):
+        if k // 2 != c:
+            f = a.forces[k]
+            b0 += a.x[k, 4 * c] * f
+            b1 += a.x[k, 4 * c + 1] * f
+            b2 += a.x[k, 4 * c + 2] * f
+            b3 += a.x[k, 4 * c + 3] * f
+            free1 += a.a[i, k] * f
+            free2 += a.a[j, k] * f
+    a11, a22 = a.a[i, i], a.a[j, j]
+    if a11 == 0.0:  # held by the others: any mobility gives no force
+        a11 = h * a.g[6 * c, 6 * c]
+    if a22 == 0.0:
+        a22 = h * a.g[6 * c + 3, 6 * c + 3]
+    return ReducedStep(
+        (b0, b1, b2, b3),
+        (a.x[i, 4 * c], a.x[i, 4 * c + 1], a.x[i, 4 * c + 2], a.x[i, 4 * c + 3]),
+        (a.x[j, 4 * c], a.x[j, 4 * c + 1], a.x[j, 4 * c + 2], a.x[j, 4 * c + 3]),
+        (free1, free2),
+        (a11, a.a[i, j], a22),
+    )
+
+
+@device_function
+def _complete(
+    par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, flags: int, out: Array
+) -> int:
+    """Complete the step of one connector, its constraints eliminated; returns the status."""
     status = begin(par, mem, sample, h, out)
     if status != layout.OK:
         return status
     o = measure(par, mem, sample, out)
     s = impulse.prepare_step(par, mem, sample, o, h, False)
-    r = ReducedStep(
-        (reduced[0], reduced[1], reduced[2], reduced[3]),
-        (reduced[4], reduced[5], reduced[6], reduced[7]),
-        (reduced[8], reduced[9], reduced[10], reduced[11]),
-        (reduced[12], reduced[13]),
-        (reduced[14], reduced[15], reduced[16]),
+    s = impulse.PreparedStep(
+        s.a, s.b, s.acting, s.g, s.free, s.jacobian_change, s.target, r, s.flags | flags
     )
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     av = solve_free_axes(par, mem, o, r, h, model.output(par).semi_implicit)
     flags = impulse.write_outputs(par, mem, out, o, s, av, h)
     store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
-    out[layout.RESIDUAL] = (
-        av.solved.residual
-    )  # of its own part; connector/group.py adds that of the constraints
+    out[layout.RESIDUAL] = av.solved.residual
     return finish(par, mem, sample, h, flags, out)
+
+
+@inline_function
+def _fix_limit(par: Array, kept: Array, g: GroupProblem, c: int, solved: bool) -> None:
+    """Fix the limit of connector c at that of the group's solution; keep the law's numbers.
+
+    With a limit of its own, that depends on its forces, the connector could find another solution
+    than the group: jam, where all together slide.
+    """
+    at = model.FRICTION
+    for k in range(SIZE):
+        kept[k] = par[at + k]
+    if g.on[c] == 0.0:
+        return
+    radius = g.radius[c] if solved else g.fixed[c]
+    i, j = 2 * c, 2 * c + 1
+    x, y = g.end[i] + g.back[i], g.end[j] + g.back[j]
+    if math.sqrt(x * x + y * y) <= AT_REST * (g.size[i] + g.size[j]):
+        radius *= 1.0 + CONVERGED  # at rest: stick, at its limit too
+    set_limit(par, at, radius)
+
+
+@inline_function
+def _write_law(par: Array, r: ReducedStep, out: Array) -> None:
+    """Write coefficient, limit and the flag of a jam by the true law of the connector."""
+    law = model.law(par)
+    normal, traction = out[layout.NORMAL_FORCE], out[layout.TRACTION]
+    if out[layout.REGIME] == layout.SLIP:
+        if normal > 0.0 and traction < law.cap:
+            out[layout.FRICTION_COEFFICIENT] = traction / normal
+        else:
+            out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
+        return
+    out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
+    out[layout.FRICTION_LIMIT] = limit(law, par, 0.0, normal)
+    f1 = out[layout.FORCE] - out[layout.FORCE_FRICTION]
+    m1 = out[layout.MOMENT] - out[layout.MOMENT_FRICTION]
+    grown = normal - contact(law, reactions(r, f1, m1)).normal
+    if not (coefficient(law, par, 0.0, grown) * grown >= traction > 0.0):
+        out[layout.FLAGS] = int(out[layout.FLAGS]) & ~layout.JAMMED
+
+
+@device_function
+def _change(a: Arrays, count: int, outs: Array, constants: Array) -> float:
+    """How much the completed steps differ from the solution of the group, relative."""
+    worst, greatest = 0.0, 0.0
+    for j in range(2 * count):
+        c, k = j // 2, j % 2
+        r = constants[c, RADIUS] if k == 1 else 1.0
+        f = outs[c, layout.FORCE if k == 0 else layout.MOMENT] / r
+        arm = constants[c, ARM]
+        normal = math.sqrt(
+            outs[c, layout.FORCE + 1] ** 2
+            + outs[c, layout.FORCE + 2] ** 2
+            + (outs[c, layout.MOMENT + 1] ** 2 + outs[c, layout.MOMENT + 2] ** 2) / (arm * arm)
+        )
+        greatest = max(greatest, abs(f), normal)
+        if a.a[j, j] > 0.0:
+            worst = max(worst, abs(f - a.forces[j] / r))
+    return worst / greatest if greatest > 0.0 else 0.0
+
+
+@device_function
+def _constraint_residual(
+    a: Arrays, count: int, outs: Array, constants: Array, h: float
+) -> float:
+    """Residual of the constrained rows relative to their greatest terms, within their range."""
+    q, greatest = 4 * count, 0.0
+    for i in range(q):
+        c, row = i // 4, _row(i % 4)
+        arm = constants[c, ARM] if i % 4 > 1 else 1.0
+        total = a.prepared[c, FREE + row] - a.prepared[c, TARGET + i % 4]
+        size = abs(a.prepared[c, FREE + row]) + abs(a.prepared[c, TARGET + i % 4])
+        for d in range(count):
+            for k in range(6):
+                at = layout.FORCE + k if k < 3 else layout.MOMENT + k - 3
+                term = h * a.g[6 * c + row, 6 * d + k] * outs[d, at]
+                total += term
+                size += abs(term)
+        a.scale[i] = total * arm
+        greatest = max(greatest, size * arm)
+    project(a.z, q - int(a.rank[0]), q, a.scale)
+    worst = 0.0
+    for i in range(q):
+        worst = max(worst, abs(a.scale[i]))
+    return worst / greatest if greatest > 0.0 else 0.0
+
+
+@device_function
+def _step(
+    par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array, a: Arrays,
+    g: GroupProblem, report: Array,
+) -> int:  # fmt: skip
+    """:func:`step_group` with the working memory in parts."""
+    count = samples.shape[0]
+    for c in range(count):
+        for k in range(model.NMEM):
+            a.scratch[k] = mem[c, k]
+        status = _prepare(par[c], a.scratch, samples[c], h, outs[c], a.prepared[c])
+        if status != layout.OK:
+            return status
+        _write_moved(par[c], constants[c], a.prepared[c], a.moved[c])
+    _delassus(a, count, par, constants)
+    off = _eliminate(a, count, constants, h)
+    _pose(g, a, constants, h)
+    residual, steps = solve_group_friction(g, a.was_stick)
+    flags = layout.CONTRADICTORY if not off * h <= CONTRADICTION else 0
+    solved = residual <= CONVERGED
+    if not solved:
+        flags |= layout.NOT_CONVERGED
+        limit_friction(g)
+    _write_total(g, a, constants)
+    for c in range(count):
+        if g.moves[2 * c] == 0.0 and g.moves[2 * c + 1] == 0.0:
+            flags |= layout.CONTRADICTORY
+    worst = layout.OK
+    for c in range(count):
+        r = _reduced(a, c, count, h)
+        _fix_limit(par[c], a.scratch, g, c, solved)
+        status = _complete(par[c], mem[c], samples[c], h, r, flags, outs[c])
+        for k in range(SIZE):
+            par[c, model.FRICTION + k] = a.scratch[k]
+        if status == layout.OK and model.law(par[c]).on:
+            _write_law(par[c], r, outs[c])
+        worst = status if worst == layout.OK else worst
+    if worst != layout.OK:
+        return worst
+    change = _change(a, count, outs, constants)
+    residual = max(residual, change, _constraint_residual(a, count, outs, constants, h))
+    for c in range(count):
+        outs[c, layout.RESIDUAL] = max(outs[c, layout.RESIDUAL], residual)
+        if residual > CONVERGED:
+            outs[c, layout.FLAGS] = int(outs[c, layout.FLAGS]) | layout.NOT_CONVERGED
+    report[RESIDUAL], report[STEPS], report[OFF] = residual, steps, off
+    return layout.OK
+
+
+@kernel
+def step_group(
+    par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array,
+    memory: Array, report: Array,
+) -> int:  # fmt: skip
+    """Compute one step of N connectors; returns the status, the first that is not OK.
+
+    Args:
+        par: (N, size). mem: (N, NMEM), updated. samples: (N, NSAMPLE). outs: (N, NOUT).
+        constants: (N, NCONSTANTS). memory: (1, working_size(N)). report: (NREPORT,).
+    """
+    count = samples.shape[0]
+    work = memory[0]
+    n, q = 2 * count, 4 * count
+    at = model.NMEM
+    sizes = (
+        count * NPREPARED, 72 * count, 36 * count * count, q * q, q * q, q * q, q, q,
+        (n + 1) * q, n * n, n, n * (2 * n + 1), n, count,
+    )  # fmt: skip
+    o1 = at + sizes[0]
+    o2 = o1 + sizes[1]
+    o3 = o2 + sizes[2]
+    o4 = o3 + sizes[3]
+    o5 = o4 + sizes[4]
+    o6 = o5 + sizes[5]
+    o7 = o6 + sizes[6]
+    o8 = o7 + sizes[7]
+    o9 = o8 + sizes[8]
+    o10 = o9 + sizes[9]
+    o11 = o10 + sizes[10]
+    o12 = o11 + sizes[11]
+    o13 = o12 + sizes[12]
+    a = Arrays(
+        work[0 : model.NMEM],
+        work[at : at + count * NPREPARED].reshape((count, NPREPARED)),
+        work[o1 : o1 + count * 72].reshape((count, 72)),
+        work[o2 : o2 + 6 * count * 6 * count].reshape((6 * count, 6 * count)),
+        work[o3 : o3 + q * q].reshape((q, q)),
+        work[o4 : o4 + q * q].reshape((q, q)),
+        work[o5 : o5 + q * q].reshape((q, q)),
+        work[o6 : o6 + q],
+        work[o7 : o7 + q],
+        work[o8 : o8 + (n + 1) * q].reshape((n + 1, q)),
+        work[o9 : o9 + n * n].reshape((n, n)),
+        work[o10 : o10 + n],
+        work[o11 : o11 + n * (2 * n + 1)].reshape((n, 2 * n + 1)),
+        work[o12 : o12 + n],
+        work[o13 : o13 + count],
+        work[o13 + count : o13 + count + 1],
+    )
+    s = o13 + count + 1
+    by = s + n * n
+    m = by + q * n
+    v = m + 2 * n * (2 * n + 1)
+    w = v + 12 * n
+    u = w + 8 * count
+    g = GroupProblem(
+        count, par,
+        work[w : w + count],
+        work[s : s + n * n].reshape((n, n)),
+        work[v : v + n],
+        work[u : u + q],
+        work[by : by + q * n].reshape((q, n)),
+        work[v + n : v + 2 * n],
+        work[v + 2 * n : v + 3 * n],
+        work[v + 3 * n : v + 4 * n],
+        work[v + 4 * n : v + 5 * n],
+        work[v + 5 * n : v + 6 * n],
+        work[w + count : w + 2 * count],
+        work[w + 2 * count : w + 3 * count],
+        work[w + 3 * count : w + 4 * count],
+        work[u + 5 * q : u + 5 * q + 1],
+        work[u + 5 * q + 1 : u + 5 * q + 2],
+        work[v + 6 * n : v + 7 * n],
+        work[v + 7 * n : v + 8 * n],
+        work[v + 8 * n : v + 9 * n],
+        work[v + 9 * n : v + 10 * n],
+        work[v + 10 * n : v + 11 * n],
+        work[v + 11 * n : v + 12 * n],
+        work[w + 4 * count : w + 5 * count],
+        work[w + 5 * count : w + 6 * count],
+        work[w + 6 * count : w + 7 * count],
+        work[u + q : u + 2 * q],
+        work[u + 2 * q : u + 3 * q],
+        work[m : m + 2 * n * (2 * n + 1)].reshape((2 * n, 2 * n + 1)),
+        work[u + 3 * q : u + 4 * q],
+        work[u + 4 * q : u + 5 * q],
+        work[u + 5 * q + 2 : u + 5 * q + 2 + n],
+    )  # fmt: skip
+    return _step(par, mem, samples, h, outs, constants, a, g, report)
