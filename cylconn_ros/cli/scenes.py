@@ -7,9 +7,10 @@ import dataclasses
 import math
 from pathlib import Path
 
-from cylconn_ros.errors import CommandError
+from cylconn_ros.errors import CommandError, SceneError
+from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.resources import shipped_scenes
-from cylconn_ros.scene.scene import Scene, load
+from cylconn_ros.scene.scene import Scene, load, several
 
 bundled = shipped_scenes
 
@@ -43,7 +44,20 @@ def load_with_overrides(path: Path, options: argparse.Namespace) -> Scene:
 
     Raises SceneError for an unusable scene, CommandError if duration or period are missing.
     """
-    scene = load(path)
+    return overridden(path, load(path), options)
+
+
+def load_all(path: Path) -> dict[str, Scene]:
+    """The scenes of all connectors of a file by name; "" if there is one without a name."""
+    parameters = parameter_file.load_parameters(path, "connector", "/")
+    try:
+        return several(parameter_file.scene_part(parameters))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+
+
+def overridden(path: Path, scene: Scene, options: argparse.Namespace) -> Scene:
+    """A scene of ``path`` with the length and period of the command line, as above."""
     if options.period is not None:
         scene = dataclasses.replace(scene, period=options.period)
     if scene.period <= 0.0:

@@ -70,8 +70,8 @@ class Connector:
                 f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
             )
         self._step = STEPS[self.method]
-        self._par = pack(scene)
-        self._mem = np.zeros(model.NMEM)
+        self._par: Array = pack(scene)
+        self._mem: Array = np.zeros(model.NMEM)
         self._period = scene.period
         self._types_known = False
 

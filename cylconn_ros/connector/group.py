@@ -15,6 +15,7 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods import coupled
+from cylconn_ros.methods.coupled_constraints import working_size
 from cylconn_ros.scene import shared_bodies
 from cylconn_ros.scene.scene import Scene
 
@@ -53,7 +54,7 @@ class Group:
         for connector, par, mem in zip(self.connectors, self._par, self._mem, strict=True):
             connector.use_arrays(par[: len(connector.par)], mem)
         self._constants = _constants(scenes)
-        self._work = np.zeros((1, coupled.working_size(n)))
+        self._work = np.zeros((1, working_size(n)))
 
     @property
     def iterations(self) -> int:

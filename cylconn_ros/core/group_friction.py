@@ -1,36 +1,27 @@
-"""Friction and stops of connectors that share bodies: one problem for the slide and spin of all.
-
-With the constraints of all connectors eliminated, two unknowns of each connector remain, scaled as
-in core/friction_disc.py: phi = (f1f, m1f/R) on a disc, and p, the reaction of a stop, a lock or a
-drive. For n = 2 N components
-
-    s+  = free + S (phi + p)                     S symmetric, >= 0
-    c_c = base_c + By_c (phi + p)                constraint reactions of connector c, hence FN_c
-    phi_c in the disc of radius limit(|s~|, FN_c), against s~; inside the disc s+ = -back
-    0 <= p _|_ s+ - low >= 0                     and likewise for the greatest rate
-
-The radii depend on the unknowns: a quasi-variational inequality. As a fixed point of projections
-(natural map), with s^ = s+ + back + (1/theta - 1) s- in the direction of s~ and g_c a mobility:
-
-    H_c = phi_c - P_disc(phi_c - s^_c / g_c) = 0        H_k = p_k - P(p_k - (s+_k - t) / g_k) = 0
+"""Solution of the friction problem of connectors that share bodies (core/group_problem.py).
 
 A semismooth Newton method solves H = 0, with step lengths that decrease |H|. Where it stalls, the
 problem with fixed radii, which is convex, is solved in turns with an update of the radii, and
 Newton's method starts again from there (Facchinei and Pang, Finite-Dimensional Variational
 Inequalities and Complementarity Problems, 2003, chapters 8 and 12).
 
-Where several connectors stick, the friction of each can be undetermined. A term EPSILON m (phi -
-phi_0) is added to s^, m the mobility of the connector's bodies in translation: with phi_0 = 0 it
-selects the friction of least norm that the discs admit; then phi_0 is the solution itself, so that
-nothing of the term remains (proximal point method). Stops are without it: they take what they can.
+Among several solutions: from a cold start or after slip, that found from no friction, which is as a
+rule the one of least normal force; connectors that stuck first try to stick. theta is 1/2 for a
+connector that slipped, and 1 where its slip turns too far.
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
-from cylconn_ros.core import model
 from cylconn_ros.core.dense import solve_general
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.group_problem import (
+    GroupProblem,
+    evaluate,
+    linearise,
+    list_unknowns,
+    shift,
+)
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import eigen2
 
@@ -45,259 +36,13 @@ _LAST_SWEEPS: Final = 100
 _WAYS: Final = 5
 _DECREASE: Final = 0.03  # of the proximal term
 _MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
-_DIFFERENCE: Final = 1e-6  # relative, for the slopes of a limit that is not constant
 _AT_REST: Final = 1e-12  # excess over the limit that is still stick, relative
-
-
-class GroupProblem(NamedTuple):
-    """The problem of N connectors and its state; arrays are the caller's."""
-
-    count: int  # N
-    par: Array  # (N, size) parameters of each
-    on: Array  # (N,) whether friction is on
-    s: Array  # (2 N, 2 N)
-    free: Array  # (2 N,)
-    base: Array  # (4 N,)
-    by: Array  # (4 N, 2 N)
-    low: Array  # (2 N,) bounds of s+, infinite: none
-    high: Array
-    back: Array  # (2 N,)
-    before: Array  # (2 N,) s-
-    moves: Array  # (2 N,) 0 for a component that other connectors hold
-    mobility: Array  # (N,) m
-    theta: Array  # (N,) 1/2 or 1
-    gain: Array  # (N,) g_c
-    epsilon: Array  # (1,) factor of the proximal term
-    sharp: Array  # (1,) not 0: its mobility takes the place of g_c
-    phi: Array  # (2 N,) the solution
-    p: Array  # (2 N,)
-    anchor: Array  # (2 N,) phi_0
-    end: Array  # (2 N,) s+
-    size: Array  # (2 N,) sum of the absolute values of the terms of s+
-    away: Array  # (2 N,) the point that is projected on the disc
-    radius: Array  # (N,)
-    fixed: Array  # (N,) the radii, where they do not follow the reactions
-    forced: Array  # (N,) not 0: sticks whatever its limit
-    residual: Array  # (4 N,) H of phi, of p
-    index: Array  # (4 N,) unknowns: j for phi_j, 2 N + j for p_j
-    matrix: Array  # (4 N, 4 N + 1)
-    tried: Array  # (4 N,) the unknowns before a Newton step
-    start: Array  # (4 N,) the same before Newton's method
-    slope: Array  # (2 N,) of a limit
-
-
-@inline_function
-def _shift(g: GroupProblem, j: int) -> float:
-    """s^ - s+ of component j, without the proximal term."""
-    return float(g.back[j] + (1.0 / g.theta[j // 2] - 1.0) * g.before[j])
-
-
-@device_function
-def _evaluate(g: GroupProblem, follow: bool) -> float:
-    """Update s+, the radii (``follow``; else the fixed ones) and H; returns the relative |H|."""
-    n = 2 * g.count
-    for j in range(n):
-        total, size = g.free[j], abs(g.free[j])
-        for k in range(n):
-            term = g.s[j, k] * (g.phi[k] + g.p[k])
-            total += term
-            size += abs(term)
-        g.end[j], g.size[j] = total, size
-    worst = 0.0
-    for c in range(g.count):
-        for j in (2 * c, 2 * c + 1):
-            g.residual[n + j] = 0.0
-            if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
-                worst = max(worst, _bound_residual(g, j))
-        if g.on[c] != 0.0:
-            worst = max(worst, _disc_residual(g, c, follow))
-    return worst
-
-
-@inline_function
-def _bound_residual(g: GroupProblem, j: int) -> float:
-    n, gain = 2 * g.count, g.s[j, j]
-    p, rate = g.p[j], g.end[j]
-    taken = max(0.0, p - (rate - g.low[j]) / gain) + min(0.0, p - (rate - g.high[j]) / gain)
-    g.residual[n + j] = p - taken
-    size = g.size[j]
-    if taken > 0.0 or p > 0.0:
-        size += abs(g.low[j])
-    elif taken < 0.0 or p < 0.0:
-        size += abs(g.high[j])
-    return abs(p - taken) * gain / size if size > 0.0 else 0.0
-
-
-@inline_function
-def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
-    i, j = 2 * c, 2 * c + 1
-    m = g.epsilon[0] * g.mobility[c]
-    gain = m if g.sharp[0] != 0.0 else g.gain[c]
-    x, y = g.end[i] + _shift(g, i), g.end[j] + _shift(g, j)
-    radius = g.fixed[c]
-    if g.forced[c] != 0.0:
-        radius = math.inf
-    elif follow:
-        law = model.law(g.par[c])
-        rate = g.theta[c] * math.sqrt(x * x + y * y)
-        radius = limit(law, g.par[c], rate, contact(law, _reaction(g, c)).normal)
-    g.radius[c] = radius
-    a = g.phi[i] - (x + m * (g.phi[i] - g.anchor[i])) / gain
-    b = g.phi[j] - (y + m * (g.phi[j] - g.anchor[j])) / gain
-    if g.moves[i] == 0.0:
-        a = 0.0
-    if g.moves[j] == 0.0:
-        b = 0.0
-    g.away[i], g.away[j] = a, b
-    out = math.sqrt(a * a + b * b)
-    share = 1.0 if out <= radius else radius / out
-    g.residual[i], g.residual[j] = g.phi[i] - share * a, g.phi[j] - share * b
-    size = (g.size[i] + g.size[j]) / g.gain[c] + (radius if radius < math.inf else 0.0)
-    off = math.sqrt(g.residual[i] ** 2 + g.residual[j] ** 2)
-    return off / size if size > 0.0 else 0.0
-
-
-@inline_function
-def _reaction(g: GroupProblem, c: int) -> tuple[float, float, float, float]:
-    """The constraint reactions (f2, f3, m2, m3) of connector c."""
-    n, r = 2 * g.count, 4 * c
-    f2, f3, m2, m3 = g.base[r], g.base[r + 1], g.base[r + 2], g.base[r + 3]
-    for k in range(n):
-        u = g.phi[k] + g.p[k]
-        f2 += g.by[r, k] * u
-        f3 += g.by[r + 1, k] * u
-        m2 += g.by[r + 2, k] * u
-        m3 += g.by[r + 3, k] * u
-    return (f2, f3, m2, m3)
-
-
-@device_function
-def _limit_slope(g: GroupProblem, c: int) -> None:
-    """Write the slope of the limit of connector c over all components to ``slope``."""
-    n, i, j, r = 2 * g.count, 2 * c, 2 * c + 1, 4 * c
-    par = g.par[c]
-    law = model.law(par)
-    f2, f3, m2, m3 = _reaction(g, c)
-    pressed = contact(law, (f2, f3, m2, m3))
-    x, y = g.end[i] + _shift(g, i), g.end[j] + _shift(g, j)
-    total = math.sqrt(x * x + y * y)
-    rate = g.theta[c] * total
-    radius = limit(law, par, rate, pressed.normal)
-    over_normal = coefficient(law, par, rate, pressed.normal)
-    over_rate = 0.0
-    if law.force_slope > 0.0 and pressed.normal > 0.0:
-        d = _DIFFERENCE * pressed.normal
-        over_normal = (limit(law, par, rate, pressed.normal + d) - radius) / d
-    if law.rate_slope > 0.0 and rate > 0.0:
-        d = _DIFFERENCE * rate
-        over_rate = (limit(law, par, rate + d, pressed.normal) - radius) / d
-    if radius >= law.cap:
-        over_normal = over_rate = 0.0
-    if pressed.radial + pressed.bending + law.preload < 0.0:
-        over_normal = -over_normal
-    radial = over_normal / pressed.radial if pressed.radial > 0.0 else 0.0
-    bending = over_normal * law.bending / pressed.moment if pressed.moment > 0.0 else 0.0
-    across = over_rate * g.theta[c] / total if total > 0.0 else 0.0
-    for k in range(n):
-        g.slope[k] = (
-            radial * (f2 * g.by[r, k] + f3 * g.by[r + 1, k])
-            + bending * (m2 * g.by[r + 2, k] + m3 * g.by[r + 3, k])
-            + across * (x * g.s[i, k] + y * g.s[j, k])
-        )
-
-
-@device_function
-def _index(g: GroupProblem) -> int:
-    """List the unknowns; returns their number."""
-    n, count = 2 * g.count, 0
-    for j in range(n):
-        if g.on[j // 2] != 0.0 and g.moves[j] != 0.0:
-            g.index[count] = j
-            count += 1
-    for j in range(n):
-        if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
-            g.index[count] = n + j
-            count += 1
-    return count
-
-
-@device_function
-def _linearise(g: GroupProblem, unknowns: int, follow: bool) -> None:
-    """Write the generalised Jacobian of H and -H to ``matrix``."""
-    n = 2 * g.count
-    row = 0
-    while row < unknowns:
-        j = int(g.index[row])
-        if j >= n:
-            _linearise_bound(g, row, j - n, unknowns)
-            row += 1
-            continue
-        both = g.moves[2 * (j // 2)] != 0.0 and g.moves[2 * (j // 2) + 1] != 0.0
-        _linearise_disc(g, row, j // 2, both, unknowns, follow)
-        row += 2 if both else 1
-
-
-@inline_function
-def _linearise_bound(g: GroupProblem, row: int, j: int, unknowns: int) -> None:
-    n, gain, p = 2 * g.count, g.s[j, j], g.p[j]
-    taken = p - (g.end[j] - g.low[j]) / gain > 0.0 or p - (g.end[j] - g.high[j]) / gain < 0.0
-    for column in range(unknowns):
-        k = int(g.index[column])
-        if taken:
-            g.matrix[row, column] = g.s[j, k % n] / gain
-        else:
-            g.matrix[row, column] = 1.0 if k == n + j else 0.0
-    g.matrix[row, unknowns] = -g.residual[n + j]
-
-
-@device_function
-def _linearise_disc(
-    g: GroupProblem, row: int, c: int, both: bool, unknowns: int, follow: bool
-) -> None:
-    n, i, j = 2 * g.count, 2 * c, 2 * c + 1
-    m = g.epsilon[0] * g.mobility[c]
-    gain = m if g.sharp[0] != 0.0 else g.gain[c]
-    a, b = g.away[i], g.away[j]
-    out = math.sqrt(a * a + b * b)
-    slips = out > g.radius[c]
-    share, d11, d12, d22, n1, n2 = 1.0, 1.0, 0.0, 1.0, 0.0, 0.0
-    if slips:
-        share, n1, n2 = g.radius[c] / out, a / out, b / out
-        d11, d12, d22 = share * n2 * n2, -share * n1 * n2, share * n1 * n1
-        if follow:
-            _limit_slope(g, c)
-    first = g.moves[i] != 0.0
-    second_row = row + 1 if first else row
-    for column in range(unknowns):
-        k = int(g.index[column])
-        at = k % n
-        q1, q2 = -g.s[i, at] / gain, -g.s[j, at] / gain
-        e1 = e2 = 0.0
-        if k == i:
-            q1 += 1.0 - m / gain
-            e1 = 1.0
-        elif k == j:
-            q2 += 1.0 - m / gain
-            e2 = 1.0
-        if not first:
-            q1 = 0.0
-        elif not both:
-            q2 = 0.0
-        grown = g.slope[at] if slips and follow else 0.0
-        if first:
-            g.matrix[row, column] = e1 - d11 * q1 - d12 * q2 - n1 * grown
-        if both or not first:
-            g.matrix[second_row, column] = e2 - d12 * q1 - d22 * q2 - n2 * grown
-    if first:
-        g.matrix[row, unknowns] = -g.residual[i]
-    if both or not first:
-        g.matrix[second_row, unknowns] = -g.residual[j]
 
 
 @inline_function
 def _store(g: GroupProblem, to: Array) -> None:
     """Copy the unknowns to ``to`` (4 N,)."""
-    n = 2 * g.count
+    n = 2 * g.number
     for j in range(n):
         to[j], to[n + j] = g.phi[j], g.p[j]
 
@@ -305,7 +50,7 @@ def _store(g: GroupProblem, to: Array) -> None:
 @inline_function
 def _restore(g: GroupProblem, source: Array) -> None:
     """Copy the unknowns from ``source`` (4 N,)."""
-    n = 2 * g.count
+    n = 2 * g.number
     for j in range(n):
         g.phi[j], g.p[j] = source[j], source[n + j]
 
@@ -313,9 +58,9 @@ def _restore(g: GroupProblem, source: Array) -> None:
 @inline_function
 def _move(g: GroupProblem, unknowns: int, length: float) -> None:
     """Go ``length`` times the Newton step from the point ``tried``."""
-    n = 2 * g.count
+    n = 2 * g.number
     for row in range(unknowns):
-        k = int(g.index[row])
+        k = int(g.listed[row])
         value = g.tried[k] + length * g.matrix[row, unknowns]
         if k < n:
             g.phi[k] = value
@@ -325,19 +70,19 @@ def _move(g: GroupProblem, unknowns: int, length: float) -> None:
 
 @device_function
 def _full_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
-    found = _evaluate(g, follow)
+    found = evaluate(g, follow)
     steps = 0
     while steps < _FULL_STEPS and found > SOLVED:
-        _linearise(g, unknowns, follow)
+        linearise(g, unknowns, follow)
         solve_general(g.matrix, unknowns, 1)
         _store(g, g.tried)
         _move(g, unknowns, 1.0)
         steps += 1
-        last, found = found, _evaluate(g, follow)
+        last, found = found, evaluate(g, follow)
         if last < ACCEPTED and not found < 0.5 * last:  # rounding
             if last < found:
                 _restore(g, g.tried)
-                found = _evaluate(g, follow)
+                found = evaluate(g, follow)
             break
     return found, steps
 
@@ -345,8 +90,7 @@ def _full_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, in
 @device_function
 def _sweep(g: GroupProblem) -> None:
     """Solve for the forces of one connector after the other, with the radii as they are."""
-    n = 2 * g.count
-    for c in range(g.count):
+    for c in range(g.number):
         for j in (2 * c, 2 * c + 1):
             if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
                 rate, gain, p = _rate(g, j), g.s[j, j], g.p[j]
@@ -354,7 +98,7 @@ def _sweep(g: GroupProblem) -> None:
                 g.p[j] += min(0.0, p - (rate - g.high[j]) / gain)
         if g.on[c] != 0.0:
             i, j = 2 * c, 2 * c + 1
-            x, y = _rate(g, i) + _shift(g, i), _rate(g, j) + _shift(g, j)
+            x, y = _rate(g, i) + shift(g, i), _rate(g, j) + shift(g, j)
             s11, s12, s22 = g.s[i, i], g.s[i, j], g.s[j, j]
             x -= s11 * g.phi[i] + s12 * g.phi[j]
             y -= s12 * g.phi[i] + s22 * g.phi[j]
@@ -369,7 +113,7 @@ def _sweep(g: GroupProblem) -> None:
 def _rate(g: GroupProblem, j: int) -> float:
     """s+ of component j."""
     total = g.free[j]
-    for k in range(2 * g.count):
+    for k in range(2 * g.number):
         total += g.s[j, k] * (g.phi[k] + g.p[k])
     return float(total)
 
@@ -407,23 +151,23 @@ def least_on_disc(
 @device_function
 def _damped_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
     """Newton steps of lengths that decrease the residual; it, and their number."""
-    found, steps = _evaluate(g, follow), 0
+    found, steps = evaluate(g, follow), 0
     while steps < _DAMPED_STEPS and found > SOLVED:
-        _linearise(g, unknowns, follow)
+        linearise(g, unknowns, follow)
         solve_general(g.matrix, unknowns, 1)
         _store(g, g.tried)
         steps += 1
         length, best = 1.0, math.inf
         for _ in range(_HALVINGS):
             _move(g, unknowns, length)
-            best = _evaluate(g, follow)
+            best = evaluate(g, follow)
             if best < found * (1.0 - 0.1 * length) or best <= SOLVED:
                 break
             length *= 0.5
         if not best < found * 0.9999:  # no progress
             if best >= found:
                 _restore(g, g.tried)
-                found = _evaluate(g, follow)
+                found = evaluate(g, follow)
             break
         found = best
     return found, steps
@@ -452,7 +196,7 @@ def _newton(g: GroupProblem, unknowns: int) -> tuple[float, int]:
             found, taken = _with_decreasing_term(g, unknowns)
         else:
             for _ in range(_SWEEPS):
-                _evaluate(g, True)
+                evaluate(g, True)
                 _sweep(g)
             _store(g, g.start)
             found, taken = _damped_steps(g, unknowns, True)
@@ -498,19 +242,19 @@ def _with_decreasing_term(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     """Newton's method from each choice of connectors that stick, the fewest first."""
     found, steps = math.inf, 0
-    choices = 1 << min(g.count, _MOST_ENUMERATED)
-    for size in range(1, g.count + 1):
+    choices = 1 << min(g.number, _MOST_ENUMERATED)
+    for size in range(1, g.number + 1):
         for choice in range(1, choices):
             chosen = 0
-            for c in range(min(g.count, _MOST_ENUMERATED)):
+            for c in range(min(g.number, _MOST_ENUMERATED)):
                 chosen += (choice >> c) & 1
             if chosen != size:
                 continue
             _clear(g)
-            for c in range(g.count):
+            for c in range(g.number):
                 g.forced[c] = float((choice >> c) & 1) if c < _MOST_ENUMERATED else 0.0
             _, taken = _sharp_steps(g, unknowns)
-            for c in range(g.count):
+            for c in range(g.number):
                 g.forced[c] = 0.0
             found, last = _sharp_steps(g, unknowns)
             steps += taken + last
@@ -529,7 +273,7 @@ def _sticks(g: GroupProblem, c: int) -> bool:
 
 @device_function
 def _clear(g: GroupProblem) -> None:
-    for j in range(2 * g.count):
+    for j in range(2 * g.number):
         g.phi[j] = g.p[j] = g.anchor[j] = 0.0
 
 
@@ -537,11 +281,16 @@ def _clear(g: GroupProblem) -> None:
 def _from_stick(g: GroupProblem, was_stick: Array, unknowns: int) -> tuple[float, int]:
     """From the solution in which connectors that stuck stick, whatever their limits."""
     _clear(g)
-    _evaluate(g, True)
-    for c in range(g.count):
+    evaluate(g, True)
+    for c in range(g.number):
         g.fixed[c] = math.inf if was_stick[c] != 0.0 else g.radius[c]
     _, steps = _full_steps(g, unknowns, False)
-    found, taken = _newton(g, unknowns)
+    _store(g, g.start)
+    found, taken = _full_steps(g, unknowns, True)
+    if found > ACCEPTED:
+        _restore(g, g.start)
+        found, last = _sharp_steps(g, unknowns)
+        taken += last
     return found, steps + taken
 
 
@@ -562,16 +311,16 @@ def _settle(g: GroupProblem, unknowns: int, found: float) -> tuple[float, int]:
     """Remove the proximal term."""
     steps = 0
     for _ in range(4):
-        for j in range(2 * g.count):
+        for j in range(2 * g.number):
             g.anchor[j] = g.phi[j]
-        found = _evaluate(g, True)
+        found = evaluate(g, True)
         if found <= SOLVED:
             break
         found, taken = _newton(g, unknowns)
         steps += taken
-    for j in range(2 * g.count):
+    for j in range(2 * g.number):
         g.anchor[j] = g.phi[j]
-    return _evaluate(g, True), steps
+    return evaluate(g, True), steps
 
 
 @device_function
@@ -580,29 +329,32 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
 
     theta of a connector that had slipped is 1/2 at first, and 1 if its slip turns too far.
     """
-    unknowns = _index(g)
+    unknowns = list_unknowns(g)
     g.epsilon[0], g.sharp[0] = EPSILON, 0.0
     held = False
-    for c in range(g.count):
+    for c in range(g.number):
         rest = g.before[2 * c] ** 2 + g.before[2 * c + 1] ** 2 == 0.0
         g.theta[c] = 1.0 if was_stick[c] != 0.0 or rest else 0.5
         held = held or (g.on[c] != 0.0 and was_stick[c] != 0.0)
     found, steps = math.inf, 0
     if held:
         found, steps = _from_stick(g, was_stick, unknowns)
-        for c in range(g.count):
+        for c in range(g.number):
             if g.on[c] != 0.0 and was_stick[c] != 0.0 and not _sticks(g, c):
                 held = False
     if not held or found > ACCEPTED:
         found, taken = _from_rest(g, unknowns)
         steps += taken
-    for _ in range(g.count):
-        turned = False
-        for c in range(g.count):
-            if g.on[c] != 0.0 and g.theta[c] < 1.0 and not _goes_on(g, c):
-                g.theta[c], turned = 1.0, True
-        if not turned:
+    for _ in range(g.number):
+        turned, least = -1, 0.25
+        for c in range(g.number):  # one at a time: the others may then go on
+            if g.on[c] != 0.0 and g.theta[c] < 1.0:
+                share = _kept_share(g, c)
+                if not share > least or (turned < 0 and not share > 0.25):
+                    turned, least = c, share
+        if turned < 0:
             break
+        g.theta[turned] = 1.0
         found, taken = _newton(g, unknowns)
         steps += taken
         if found > ACCEPTED:
@@ -615,13 +367,13 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
 
 
 @inline_function
-def _goes_on(g: GroupProblem, c: int) -> bool:
-    """Whether slip goes on in its direction, s-.s+ > |s-|^2 / 4."""
+def _kept_share(g: GroupProblem, c: int) -> float:
+    """s-.s+ / |s-|^2: slip goes on in its direction if it is above 1/4."""
     if _sticks(g, c):
-        return False
+        return 0.0
     i, j = 2 * c, 2 * c + 1
     x, y = g.before[i], g.before[j]
-    return bool(x * (g.end[i] + g.back[i]) + y * (g.end[j] + g.back[j]) > 0.25 * (x * x + y * y))
+    return float((x * (g.end[i] + g.back[i]) + y * (g.end[j] + g.back[j])) / (x * x + y * y))
 
 
 @device_function
@@ -631,11 +383,11 @@ def limit_friction(g: GroupProblem) -> None:
     With fixed limits the problem is convex: its forces are finite and feed no slip.
     """
     _clear(g)
-    _evaluate(g, True)
-    for c in range(g.count):
+    evaluate(g, True)
+    for c in range(g.number):
         g.fixed[c] = g.radius[c] if g.on[c] != 0.0 else math.inf
         g.theta[c] = 1.0
     for _ in range(_LAST_SWEEPS):
-        _evaluate(g, False)
+        evaluate(g, False)
         _sweep(g)
-    _evaluate(g, False)
+    evaluate(g, False)

@@ -119,9 +119,7 @@ def factor_projected(k: Array, n: int, rank: int, order: Array, z: Array) -> Non
 
 
 @device_function
-def solve_projected(
-    k: Array, n: int, rank: int, order: Array, z: Array, x: Array
-) -> float:
+def solve_projected(k: Array, n: int, rank: int, order: Array, z: Array, x: Array) -> float:
     """Replace x (n,) by the least-norm solution; returns the norm of what is out of the range."""
     off = project(z, n - rank, n, x)
     for i in range(rank, n):
