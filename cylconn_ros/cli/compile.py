@@ -66,7 +66,7 @@ def compile_with_progress(scenes: Mapping[str, Scene], coupled: bool = False) ->
     were compiled; without any, nothing is shown.
     """
     from cylconn_ros.core import jit, plant
-    from cylconn_ros.methods.coupled import step_group
+    from cylconn_ros.methods.coupled.step import step_group
     from cylconn_ros.ros import compiling
 
     by_method = {compiling.choose_method(scene): scene for scene in scenes.values()}

@@ -1,7 +1,7 @@
 """Coupled connectors: connectors that share bodies, solved together for the same stamp.
 
-The step is that of methods/coupled.py: reactions of least norm, and friction, stops and drives of
-all connectors as one problem.
+The step is that of methods/coupled/step.py: reactions of least norm, and friction, stops and
+drives of all connectors as one problem.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
 from cylconn_ros.errors import SceneError
-from cylconn_ros.methods import coupled
-from cylconn_ros.methods.coupled_constraints import working_size
+from cylconn_ros.methods.coupled import step as coupled
+from cylconn_ros.methods.coupled.constraints import working_size
 from cylconn_ros.scene import shared_bodies
 from cylconn_ros.scene.scene import Scene
 

@@ -2,7 +2,7 @@
 
 :func:`prepare` computes the quantities of a connector before wrenches act, with the functions of
 the step of a single one; :func:`eliminate` the reactions of all for given forces on slide and spin,
-as methods/coupled.py states them.
+as methods/coupled/step.py states them.
 """
 
 import math

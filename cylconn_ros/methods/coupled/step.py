@@ -35,7 +35,7 @@ from cylconn_ros.core.kinematics import Twist
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.complementarity import ReducedStep, reactions
-from cylconn_ros.methods.coupled_constraints import (
+from cylconn_ros.methods.coupled.constraints import (
     BACK,
     HIGH,
     LOW,
@@ -353,36 +353,19 @@ def step_group(
     w = v + 12 * n
     u = w + 8 * count
     g = GroupProblem(
-        count, par,
-        work[w : w + count],
-        work[s : s + n * n].reshape((n, n)),
-        work[v : v + n],
-        work[u : u + q],
-        work[by : by + q * n].reshape((q, n)),
-        work[v + n : v + 2 * n],
-        work[v + 2 * n : v + 3 * n],
-        work[v + 3 * n : v + 4 * n],
-        work[v + 4 * n : v + 5 * n],
-        work[v + 5 * n : v + 6 * n],
-        work[w + count : w + 2 * count],
-        work[w + 2 * count : w + 3 * count],
-        work[w + 3 * count : w + 4 * count],
-        work[u + 5 * q : u + 5 * q + 1],
-        work[u + 5 * q + 1 : u + 5 * q + 2],
-        work[v + 6 * n : v + 7 * n],
-        work[v + 7 * n : v + 8 * n],
-        work[v + 8 * n : v + 9 * n],
-        work[v + 9 * n : v + 10 * n],
-        work[v + 10 * n : v + 11 * n],
-        work[v + 11 * n : v + 12 * n],
-        work[w + 4 * count : w + 5 * count],
-        work[w + 5 * count : w + 6 * count],
-        work[w + 6 * count : w + 7 * count],
-        work[u + q : u + 2 * q],
-        work[u + 2 * q : u + 3 * q],
+        count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
+        work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
+        work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
+        work[v + 5 * n : v + 6 * n], work[w + count : w + 2 * count],
+        work[w + 2 * count : w + 3 * count], work[w + 3 * count : w + 4 * count],
+        work[u + 5 * q : u + 5 * q + 1], work[u + 5 * q + 1 : u + 5 * q + 2],
+        work[v + 6 * n : v + 7 * n], work[v + 7 * n : v + 8 * n], work[v + 8 * n : v + 9 * n],
+        work[v + 9 * n : v + 10 * n], work[v + 10 * n : v + 11 * n],
+        work[v + 11 * n : v + 12 * n], work[w + 4 * count : w + 5 * count],
+        work[w + 5 * count : w + 6 * count], work[w + 6 * count : w + 7 * count],
+        work[u + q : u + 2 * q], work[u + 2 * q : u + 3 * q],
         work[m : m + 2 * n * (2 * n + 1)].reshape((2 * n, 2 * n + 1)),
-        work[u + 3 * q : u + 4 * q],
-        work[u + 4 * q : u + 5 * q],
+        work[u + 3 * q : u + 4 * q], work[u + 4 * q : u + 5 * q],
         work[u + 5 * q + 2 : u + 5 * q + 2 + n],
     )  # fmt: skip
     return _step(par, mem, samples, h, outs, constants, a, g, report)
