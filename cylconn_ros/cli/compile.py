@@ -66,11 +66,11 @@ def compile_with_progress(scenes: Mapping[str, Scene], coupled: bool = False) ->
     were compiled; without any, nothing is shown.
     """
     from cylconn_ros.core import jit, plant
-    from cylconn_ros.methods.coupled import complete_coupled, prepare_coupled
+    from cylconn_ros.methods.coupled.step import step_group
     from cylconn_ros.ros import compiling
 
     by_method = {compiling.choose_method(scene): scene for scene in scenes.values()}
-    shared = [prepare_coupled, complete_coupled] if coupled else []
+    shared = [step_group] if coupled else []
     roots = [*compiling.kernels(by_method), plant.step, plant.energy, *shared]
     with _shown(jit.reached_from(roots)) as report, jit.watched(report.count):
         for name, scene in by_method.items():

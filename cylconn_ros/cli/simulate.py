@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 import cylconn_ros
-from cylconn_ros.cli import changes, checks, scenes
+from cylconn_ros.cli import changes, checks, scenes, simulate_several
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.cli.summary import RunSummary, summarise
@@ -32,7 +32,7 @@ from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.reference import library
-from cylconn_ros.scene import parameter_file
+from cylconn_ros.scene import multiple, parameter_file
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import Run, simulate
 
@@ -54,7 +54,10 @@ def run(options: argparse.Namespace) -> int:
     """Simulate, keep and draw; 1 if a sample was refused or a reference value was missed."""
     path = scenes.find(options.scene)
     _check_names(options.output, options.plot)
-    scene = scenes.load_with_overrides(path, options)
+    loaded = scenes.load_all(path)
+    if multiple.ONE not in loaded:
+        return simulate_several.run(path, loaded, options)
+    scene = scenes.overridden(path, loaded[multiple.ONE], options)
     with Progress(f"simulate {path.stem}") as bar:
         bar.note("preparing (the first run compiles the physics)")
         result = simulate(scene, progress=bar)

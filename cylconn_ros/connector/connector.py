@@ -71,8 +71,8 @@ class Connector:
                 f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
             )
         self._step = STEPS[self.method]
-        self._par = pack(scene)
-        self._mem = np.zeros(model.NMEM)
+        self._par: Array = pack(scene)
+        self._mem: Array = np.zeros(model.NMEM)
         self._period = scene.period
         self._types_known = False
 
@@ -132,6 +132,14 @@ class Connector:
         The arrays are the connector's own and stay the same objects.
         """
         return self._handle, self._par, self._mem, self._period
+
+    def use_arrays(self, par: Array, mem: Array) -> None:
+        """Keep parameters and memory in the arrays given from now on, with their present content.
+
+        For a group, which has those of all its connectors in one array.
+        """
+        par[:], mem[:] = self._par, self._mem
+        self._par, self._mem = par, mem
 
     @property
     def latency(self) -> float:

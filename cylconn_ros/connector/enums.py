@@ -21,6 +21,8 @@ FLAGS = (
     "pulling in",
     "gains lowered",
     "plant_integration does not fit",
+    "not converged",
+    "contradictory constraints",
 )
 
 

@@ -29,7 +29,7 @@ from cylconn_ros.core.small_matrices import Four
 Array = NDArray[np.float64]
 
 
-_SMALL_COEFFICIENT: Final = 1e-9
+_GREAT_COEFFICIENT: Final = 1e9
 
 
 class Law(NamedTuple):
@@ -101,17 +101,15 @@ class Contact(NamedTuple):
     normal: float  # FN
 
 
-def with_limit(law: Law, limit: float, pressed: Contact) -> Law:
-    """A law whose limit is ``limit`` (N) at the contact ``pressed``, and nearly constant elsewhere.
+@inline_function
+def set_limit(par: Array, at: int, limit: float) -> None:
+    """Fix the limit of a packed law, N, whatever the contact: a cap, and a coefficient beyond it.
 
-    A coefficient so small that changes of the reactions hardly count, and a preload that makes up
-    for it.
+    Contact forces stay those of the law.
     """
-    preload = max(limit / _SMALL_COEFFICIENT - pressed.radial - pressed.bending, 0.0)
-    return law._replace(
-        kinetic=_SMALL_COEFFICIENT, static=_SMALL_COEFFICIENT, decay=0.0, cap=math.inf,
-        preload=preload, rate_slope=0.0, force_slope=0.0, rates=0, forces=0,
-    )  # fmt: skip
+    par[at + 1] = par[at + 2] = _GREAT_COEFFICIENT
+    par[at + 3] = par[at + 8] = par[at + 9] = par[at + 10] = par[at + 11] = 0.0
+    par[at + 4] = limit
 
 
 def pack(law: Law) -> tuple[float, ...]:

@@ -162,3 +162,5 @@ STOPPED_SAMPLES: Final = 3  # samples in stick that set STOPPED; one occurs at r
 MISALIGNED: Final = 256
 GAINS_LOWERED: Final = 512
 INTEGRATION: Final = 1024
+NOT_CONVERGED: Final = 2048
+CONTRADICTORY: Final = 4096

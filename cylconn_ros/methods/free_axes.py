@@ -61,7 +61,7 @@ def solve_free_axes(
     """
     v1, w1 = o.twist.v[0], o.twist.w[0]
     actuation = (imposed_force(par, 0), imposed_force(par, 1))
-    sp = _with_springs(par, mem, o, r, h, actuation)
+    sp = with_springs(par, mem, o, r, h, actuation)
     component = int(par[model.LOCK])
     locked = False
     if component == 1:
@@ -140,7 +140,7 @@ def _coefficients(
 
 
 @inline_function
-def _with_springs(
+def with_springs(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, h: float, actuation: Two
 ) -> StepWithSprings:
     """Include spring and damper, push - E w+ with E = k h/4 + c/2: S = (I + hA E)^-1 hA."""

@@ -22,7 +22,7 @@ class MethodTraits(NamedTuple):
         exact_stick: stick has no creep and no elastic slip: s = 0 at the end of the step.
         second_order: converges with second order, so that ``cylconn simulate`` checks its runs
             against the reference solutions of the bundled scenes.
-        couples: connectors with this method can share bodies (methods/coupled.py).
+        couples: connectors with this method can share bodies (methods/coupled/step.py).
     """
 
     number: int

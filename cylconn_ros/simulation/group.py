@@ -12,6 +12,7 @@ from cylconn_ros.connector.frames import into_world
 from cylconn_ros.connector.group import Group
 from cylconn_ros.core import layout
 from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.closed_loop import Progress
 from cylconn_ros.simulation.plant import Plant
 
 Array = NDArray[np.float64]
@@ -98,8 +99,13 @@ class GroupRun:
     bodies: Bodies
 
 
-def simulate_group(scenes: Sequence[Scene], steps: int) -> GroupRun:
-    """Run bodies and connectors in lock step for ``steps`` samples."""
+def simulate_group(
+    scenes: Sequence[Scene], steps: int, progress: Progress | None = None
+) -> GroupRun:
+    """Run bodies and connectors in lock step for ``steps`` samples.
+
+    ``progress`` is called with (done, total) samples at times, and at the end.
+    """
     bodies, group = Bodies(scenes), Group(scenes)
     n = len(scenes)
     time, energy = np.empty(steps), np.empty(steps)
@@ -113,4 +119,6 @@ def simulate_group(scenes: Sequence[Scene], steps: int) -> GroupRun:
         group.step(samples[k], outs=outs[k])
         iterations[k] = group.iterations
         bodies.step([(out[0:6], out[6:12]) for out in outs[k]])
+        if progress is not None and (k % 1024 == 0 or k + 1 == steps):
+            progress(k + 1, steps)
     return GroupRun(time, samples, outs, energy, iterations, group, bodies)

@@ -9,8 +9,7 @@ from bearings import MASS, OVERLAP, RADIUS, parameters
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.group import Group
 from cylconn_ros.core import layout
-from cylconn_ros.core.anderson import AndersonAcceleration
-from cylconn_ros.core.least_norm import minimum_norm_operator, range_and_null_space
+from cylconn_ros.core.least_norm import factor_projected, null_space, solve_projected
 from cylconn_ros.scene.scene import SceneError, load, several, shipped
 from cylconn_ros.simulation.group import Bodies, simulate_group
 from cylconn_ros.simulation.simulate import simulate
@@ -313,22 +312,15 @@ def test_least_norm_is_that_of_singular_values_in_any_units():
     g, like = (jacobian / masses) @ jacobian.T, jacobian @ jacobian.T
     arms = 10.0 ** rng.uniform(-2, 1, size=8)
     b = g @ rng.normal(size=8)
-    x = minimum_norm_operator(g, like, arms) @ b
-    np.testing.assert_allclose(g @ x, b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
-    _, z = range_and_null_space(like)
-    assert z.shape[1] == 4
-    open_ways, weighed = z / arms[:, None], x / arms
-    size = np.linalg.norm(open_ways) * np.linalg.norm(weighed)
-    assert np.abs(open_ways.T @ weighed).max() < 1e-6 * size
-
-
-def test_a_fixed_point_is_found_sooner_than_by_repetition():
-    a = np.array([[-0.95, 0.3], [0.0, 0.9]])
-    x, sooner = np.array([5.0, -3.0]), AndersonAcceleration()
-    turns = 0
-    while np.abs(a @ x + 1.0 - x).max() > 1e-12 and turns < 30:
-        g = a @ x + 1.0
-        x = sooner.next(g, g - x)
-        turns += 1
-    assert turns < 12
-    np.testing.assert_allclose(x, np.linalg.solve(np.eye(2) - a, np.ones(2)), rtol=1e-9)
+    scaled, order, z = arms[:, None] * g * arms, np.zeros(8), np.zeros((8, 8))
+    rank = null_space(arms[:, None] * like * arms, 8, order, np.zeros(8), z)
+    assert rank == 4
+    factor_projected(scaled, 8, rank, order, z)
+    weighed = arms * b
+    assert solve_projected(scaled, 8, rank, order, z, weighed) < 1e-9 * np.linalg.norm(arms * b)
+    np.testing.assert_allclose(g @ (arms * weighed), b, rtol=1e-6, atol=1e-9 * np.abs(b).max())
+    open_ways = z[:4]
+    np.testing.assert_allclose(open_ways @ open_ways.T, np.eye(4), atol=1e-12)
+    size = np.linalg.norm(arms[:, None] * jacobian) * np.linalg.norm(weighed)
+    assert np.abs((jacobian.T * arms) @ open_ways.T).max() < 1e-9 * size
+    assert np.abs(open_ways @ weighed).max() < 1e-9 * np.linalg.norm(weighed)

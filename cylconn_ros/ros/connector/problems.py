@@ -191,6 +191,20 @@ def solution_problems(
             f"(now {scene.plant_integration})"
         )
         yield Problem(WARN, "integration", text)
+    if flags & layout.CONTRADICTORY:
+        text = (
+            "connectors that share a body hold it against each other: nothing is left to slide or "
+            "spin, or offsets exclude each other; make their axes parallel (node_a, node_b), or "
+            "set reference.offsets: hold"
+        )
+        yield Problem(WARN, "contradictory", text)
+    if flags & layout.NOT_CONVERGED:
+        text = (
+            f"connectors that share a body: residual {health.worst_residual:.1e}, expected at most "
+            "1e-9: friction is limited to what feeds no slip; look for drives and stops that "
+            "contradict each other, or for friction that jams"
+        )
+        yield Problem(WARN, "not converged", text)
     if is_new("saturated", health.saturated):
         text = (
             f"wrenches are scaled down to the limits (limits.force = {show(scene.limits.force)} N, "

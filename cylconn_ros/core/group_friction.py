@@ -1,0 +1,393 @@
+"""Solution of the friction problem of connectors that share bodies (core/group_problem.py).
+
+A semismooth Newton method solves H = 0, with step lengths that decrease |H|. Where it stalls, the
+problem with fixed radii, which is convex, is solved in turns with an update of the radii, and
+Newton's method starts again from there (Facchinei and Pang, Finite-Dimensional Variational
+Inequalities and Complementarity Problems, 2003, chapters 8 and 12).
+
+Among several solutions: from a cold start or after slip, that found from no friction, which is as a
+rule the one of least normal force; connectors that stuck first try to stick. theta is 1/2 for a
+connector that slipped, and 1 where its slip turns too far.
+"""
+
+import math
+from typing import Final
+
+from cylconn_ros.core.dense import solve_general
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.group_problem import (
+    GroupProblem,
+    evaluate,
+    linearise,
+    list_unknowns,
+    shift,
+)
+from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.small_matrices import eigen2
+
+EPSILON: Final = 1e-7
+SOLVED: Final = 1e-14  # residual that cannot be improved
+ACCEPTED: Final = 1e-10  # residual of a solution
+_FULL_STEPS: Final = 8
+_DAMPED_STEPS: Final = 12
+_HALVINGS: Final = 8
+_SWEEPS: Final = 8
+_LAST_SWEEPS: Final = 100
+_WAYS: Final = 5
+_DECREASE: Final = 0.03  # of the proximal term
+_MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
+_AT_REST: Final = 1e-12  # excess over the limit that is still stick, relative
+
+
+@inline_function
+def _store(g: GroupProblem, to: Array) -> None:
+    """Copy the unknowns to ``to`` (4 N,)."""
+    n = 2 * g.number
+    for j in range(n):
+        to[j], to[n + j] = g.phi[j], g.p[j]
+
+
+@inline_function
+def _restore(g: GroupProblem, source: Array) -> None:
+    """Copy the unknowns from ``source`` (4 N,)."""
+    n = 2 * g.number
+    for j in range(n):
+        g.phi[j], g.p[j] = source[j], source[n + j]
+
+
+@inline_function
+def _move(g: GroupProblem, unknowns: int, length: float) -> None:
+    """Go ``length`` times the Newton step from the point ``tried``."""
+    n = 2 * g.number
+    for row in range(unknowns):
+        k = int(g.listed[row])
+        value = g.tried[k] + length * g.matrix[row, unknowns]
+        if k < n:
+            g.phi[k] = value
+        else:
+            g.p[k - n] = value
+
+
+@device_function
+def _full_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
+    found = evaluate(g, follow)
+    steps = 0
+    while steps < _FULL_STEPS and found > SOLVED:
+        linearise(g, unknowns, follow)
+        solve_general(g.matrix, unknowns, 1)
+        _store(g, g.tried)
+        _move(g, unknowns, 1.0)
+        steps += 1
+        last, found = found, evaluate(g, follow)
+        if last < ACCEPTED and not found < 0.5 * last:  # rounding
+            if last < found:
+                _restore(g, g.tried)
+                found = evaluate(g, follow)
+            break
+    return found, steps
+
+
+@device_function
+def _sweep(g: GroupProblem) -> None:
+    """Solve for the forces of one connector after the other, with the radii as they are."""
+    for c in range(g.number):
+        for j in (2 * c, 2 * c + 1):
+            if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
+                rate, gain, p = _rate(g, j), g.s[j, j], g.p[j]
+                g.p[j] = max(0.0, p - (rate - g.low[j]) / gain)
+                g.p[j] += min(0.0, p - (rate - g.high[j]) / gain)
+        if g.on[c] != 0.0:
+            i, j = 2 * c, 2 * c + 1
+            x, y = _rate(g, i) + shift(g, i), _rate(g, j) + shift(g, j)
+            s11, s12, s22 = g.s[i, i], g.s[i, j], g.s[j, j]
+            x -= s11 * g.phi[i] + s12 * g.phi[j]
+            y -= s12 * g.phi[i] + s22 * g.phi[j]
+            if g.moves[i] == 0.0:
+                x = 0.0
+            if g.moves[j] == 0.0:
+                y = 0.0
+            g.phi[i], g.phi[j] = least_on_disc(s11, s12, s22, x, y, g.radius[c])
+
+
+@inline_function
+def _rate(g: GroupProblem, j: int) -> float:
+    """s+ of component j."""
+    total = g.free[j]
+    for k in range(2 * g.number):
+        total += g.s[j, k] * (g.phi[k] + g.p[k])
+    return float(total)
+
+
+@device_function
+def least_on_disc(
+    s11: float, s12: float, s22: float, x: float, y: float, radius: float
+) -> tuple[float, float]:
+    """The phi, |phi| <= radius, that minimises phi.S phi/2 + (x, y).phi; least norm if S = 0.
+
+    At the edge (S + r I) phi = -(x, y), and Newton's method on 1/|phi(r)| = 1/radius rises to r
+    (More and Sorensen, SIAM J. Sci. Stat. Comput. 1983).
+    """
+    greater, lesser, cos, sin = eigen2(s11, s12, s22)
+    a, b = cos * x + sin * y, cos * y - sin * x
+    least = 1e-12 * greater
+    l1, l2 = max(greater, 1e-300), max(lesser, least)
+    p, q = -a / l1, -b / l2 if b != 0.0 else 0.0
+    size = math.sqrt(p * p + q * q)
+    if size > radius:
+        if radius <= 0.0:
+            return 0.0, 0.0
+        r = 0.0
+        for _ in range(20):
+            curve = (p * p / (l1 + r) + q * q / (l2 + r)) / (size * size)
+            step = (size - radius) / (radius * curve)
+            r += step
+            p, q = -a / (l1 + r), -b / (l2 + r)
+            size = math.sqrt(p * p + q * q)
+            if abs(size - radius) <= 1e-12 * radius:
+                break
+    return cos * p - sin * q, sin * p + cos * q
+
+
+@device_function
+def _damped_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
+    """Newton steps of lengths that decrease the residual; it, and their number."""
+    found, steps = evaluate(g, follow), 0
+    while steps < _DAMPED_STEPS and found > SOLVED:
+        linearise(g, unknowns, follow)
+        solve_general(g.matrix, unknowns, 1)
+        _store(g, g.tried)
+        steps += 1
+        length, best = 1.0, math.inf
+        for _ in range(_HALVINGS):
+            _move(g, unknowns, length)
+            best = evaluate(g, follow)
+            if best < found * (1.0 - 0.1 * length) or best <= SOLVED:
+                break
+            length *= 0.5
+        if not best < found * 0.9999:  # no progress
+            if best >= found:
+                _restore(g, g.tried)
+                found = evaluate(g, follow)
+            break
+        found = best
+    return found, steps
+
+
+@device_function
+def _newton(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """Newton's method from phi, p, and other ways where it does not converge.
+
+    Returns the residual and the number of steps and sweeps.
+    """
+    _store(g, g.start)
+    found, steps = _full_steps(g, unknowns, True)
+    for attempt in range(_WAYS):
+        if found <= ACCEPTED:
+            break
+        _restore(g, g.start)
+        taken = 0
+        if attempt == 0:
+            found, taken = _sharp_steps(g, unknowns)
+        elif attempt == 1:
+            found, taken = _damped_steps(g, unknowns, True)
+        elif attempt == 2:
+            found, taken = _enumerated(g, unknowns)
+        elif attempt == 3:
+            found, taken = _with_decreasing_term(g, unknowns)
+        else:
+            for _ in range(_SWEEPS):
+                evaluate(g, True)
+                _sweep(g)
+            _store(g, g.start)
+            found, taken = _damped_steps(g, unknowns, True)
+            if found > ACCEPTED:
+                _restore(g, g.start)
+                found, more = _sharp_steps(g, unknowns)
+                taken += more
+            if found > ACCEPTED:
+                _restore(g, g.start)
+                _, more = _with_decreasing_term(g, unknowns)
+                found, last = _damped_steps(g, unknowns, True)
+                taken += more + last
+            taken += _SWEEPS
+        steps += taken
+    return found, steps
+
+
+@device_function
+def _sharp_steps(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """Newton steps that tell stick from slip on the scale of the proximal term, then others."""
+    g.sharp[0] = 1.0
+    _, steps = _full_steps(g, unknowns, True)
+    g.sharp[0] = 0.0
+    found, taken = _full_steps(g, unknowns, True)
+    return found, steps + taken
+
+
+@device_function
+def _with_decreasing_term(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """Newton's method with a proximal term that begins large: its problem is well conditioned."""
+    found, steps = math.inf, 0
+    g.epsilon[0] = 1.0
+    while True:
+        found, taken = _full_steps(g, unknowns, True)
+        steps += taken
+        if g.epsilon[0] <= EPSILON:
+            break
+        g.epsilon[0] = max(_DECREASE * g.epsilon[0], EPSILON)
+    return found, steps
+
+
+@device_function
+def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """Newton's method from each choice of connectors that stick, the fewest first."""
+    found, steps = math.inf, 0
+    choices = 1 << min(g.number, _MOST_ENUMERATED)
+    for size in range(1, g.number + 1):
+        for choice in range(1, choices):
+            chosen = 0
+            for c in range(min(g.number, _MOST_ENUMERATED)):
+                chosen += (choice >> c) & 1
+            if chosen != size:
+                continue
+            _clear(g)
+            for c in range(g.number):
+                g.forced[c] = float((choice >> c) & 1) if c < _MOST_ENUMERATED else 0.0
+            _, taken = _sharp_steps(g, unknowns)
+            for c in range(g.number):
+                g.forced[c] = 0.0
+            found, last = _sharp_steps(g, unknowns)
+            steps += taken + last
+            if found <= ACCEPTED:
+                return found, steps
+    return found, steps
+
+
+@inline_function
+def _sticks(g: GroupProblem, c: int) -> bool:
+    """Whether friction of connector c is within its disc, s+ = -back."""
+    i, j = 2 * c, 2 * c + 1
+    out = math.sqrt(g.away[i] ** 2 + g.away[j] ** 2)
+    return out <= g.radius[c] * (1.0 + _AT_REST)
+
+
+@device_function
+def _clear(g: GroupProblem) -> None:
+    for j in range(2 * g.number):
+        g.phi[j] = g.p[j] = g.anchor[j] = 0.0
+
+
+@device_function
+def _from_stick(g: GroupProblem, was_stick: Array, unknowns: int) -> tuple[float, int]:
+    """From the solution in which connectors that stuck stick, whatever their limits."""
+    _clear(g)
+    evaluate(g, True)
+    for c in range(g.number):
+        g.fixed[c] = math.inf if was_stick[c] != 0.0 else g.radius[c]
+    _, steps = _full_steps(g, unknowns, False)
+    _store(g, g.start)
+    found, taken = _full_steps(g, unknowns, True)
+    if found > ACCEPTED:
+        _restore(g, g.start)
+        found, last = _sharp_steps(g, unknowns)
+        taken += last
+    return found, steps + taken
+
+
+@device_function
+def _from_rest(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """From phi = 0: the solution of least normal force, as a rule."""
+    _clear(g)
+    found, steps = _newton(g, unknowns)
+    if found > ACCEPTED:
+        _clear(g)
+        found, taken = _from_stick(g, g.on, unknowns)
+        steps += taken
+    return found, steps
+
+
+@device_function
+def _settle(g: GroupProblem, unknowns: int, found: float) -> tuple[float, int]:
+    """Remove the proximal term."""
+    steps = 0
+    for _ in range(4):
+        for j in range(2 * g.number):
+            g.anchor[j] = g.phi[j]
+        found = evaluate(g, True)
+        if found <= SOLVED:
+            break
+        found, taken = _newton(g, unknowns)
+        steps += taken
+    for j in range(2 * g.number):
+        g.anchor[j] = g.phi[j]
+    return evaluate(g, True), steps
+
+
+@device_function
+def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]:
+    """Solve for ``phi`` and ``p``; returns the residual and the number of Newton steps.
+
+    theta of a connector that had slipped is 1/2 at first, and 1 if its slip turns too far.
+    """
+    unknowns = list_unknowns(g)
+    g.epsilon[0], g.sharp[0] = EPSILON, 0.0
+    held = False
+    for c in range(g.number):
+        rest = g.before[2 * c] ** 2 + g.before[2 * c + 1] ** 2 == 0.0
+        g.theta[c] = 1.0 if was_stick[c] != 0.0 or rest else 0.5
+        held = held or (g.on[c] != 0.0 and was_stick[c] != 0.0)
+    found, steps = math.inf, 0
+    if held:
+        found, steps = _from_stick(g, was_stick, unknowns)
+        for c in range(g.number):
+            if g.on[c] != 0.0 and was_stick[c] != 0.0 and not _sticks(g, c):
+                held = False
+    if not held or found > ACCEPTED:
+        found, taken = _from_rest(g, unknowns)
+        steps += taken
+    for _ in range(g.number):
+        turned, least = -1, 0.25
+        for c in range(g.number):  # one at a time: the others may then go on
+            if g.on[c] != 0.0 and g.theta[c] < 1.0:
+                share = _kept_share(g, c)
+                if not share > least or (turned < 0 and not share > 0.25):
+                    turned, least = c, share
+        if turned < 0:
+            break
+        g.theta[turned] = 1.0
+        found, taken = _newton(g, unknowns)
+        steps += taken
+        if found > ACCEPTED:
+            found, taken = _from_rest(g, unknowns)
+            steps += taken
+    if found <= ACCEPTED:
+        found, taken = _settle(g, unknowns, found)
+        steps += taken
+    return found, steps
+
+
+@inline_function
+def _kept_share(g: GroupProblem, c: int) -> float:
+    """s-.s+ / |s-|^2: slip goes on in its direction if it is above 1/4."""
+    if _sticks(g, c):
+        return 0.0
+    i, j = 2 * c, 2 * c + 1
+    x, y = g.before[i], g.before[j]
+    return float((x * (g.end[i] + g.back[i]) + y * (g.end[j] + g.back[j])) / (x * x + y * y))
+
+
+@device_function
+def limit_friction(g: GroupProblem) -> None:
+    """Forces for a problem that was not solved: friction against slip within limits of no friction.
+
+    With fixed limits the problem is convex: its forces are finite and feed no slip.
+    """
+    _clear(g)
+    evaluate(g, True)
+    for c in range(g.number):
+        g.fixed[c] = g.radius[c] if g.on[c] != 0.0 else math.inf
+        g.theta[c] = 1.0
+    for _ in range(_LAST_SWEEPS):
+        evaluate(g, False)
+        _sweep(g)
+    evaluate(g, False)

@@ -1,0 +1,275 @@
+"""Friction and stops of connectors that share bodies: one problem for the slide and spin of all.
+
+With the constraints of all connectors eliminated, two unknowns of each connector remain, scaled as
+in core/friction_disc.py: phi = (f1f, m1f/R) on a disc, and p, the reaction of a stop, a lock or a
+drive. For n = 2 N components
+
+    s+  = free + S (phi + p)                     S symmetric, >= 0
+    c_c = base_c + By_c (phi + p)                constraint reactions of connector c, hence FN_c
+    phi_c in the disc of radius limit(|s~|, FN_c), against s~; inside the disc s+ = -back
+    0 <= p _|_ s+ - low >= 0                     and likewise for the greatest rate
+
+The radii depend on the unknowns: a quasi-variational inequality. As a fixed point of projections
+(natural map), with s^ = s+ + back + (1/theta - 1) s- in the direction of s~ and g_c a mobility:
+
+    H_c = phi_c - P_disc(phi_c - s^_c / g_c) = 0        H_k = p_k - P(p_k - (s+_k - t) / g_k) = 0
+
+Where several connectors stick, the friction of each can be undetermined. A term EPSILON m (phi -
+phi_0) is added to s^, m the mobility of the connector's bodies in translation: with phi_0 = 0 it
+selects the friction of least norm that the discs admit; then phi_0 is the solution itself, so that
+nothing of the term remains (proximal point method). Stops are without it: they take what they can.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from cylconn_ros.core import model
+from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.jit import device_function, inline_function
+
+_DIFFERENCE: Final = 1e-6  # relative, for the slopes of a limit that is not constant
+
+
+class GroupProblem(NamedTuple):
+    """The problem of N connectors and its state; arrays are the caller's."""
+
+    number: int  # N
+    par: Array  # (N, size) parameters of each
+    on: Array  # (N,) whether friction is on
+    s: Array  # (2 N, 2 N)
+    free: Array  # (2 N,)
+    base: Array  # (4 N,)
+    by: Array  # (4 N, 2 N)
+    low: Array  # (2 N,) bounds of s+, infinite: none
+    high: Array
+    back: Array  # (2 N,)
+    before: Array  # (2 N,) s-
+    moves: Array  # (2 N,) 0 for a component that other connectors hold
+    mobility: Array  # (N,) m
+    theta: Array  # (N,) 1/2 or 1
+    gain: Array  # (N,) g_c
+    epsilon: Array  # (1,) factor of the proximal term
+    sharp: Array  # (1,) not 0: its mobility takes the place of g_c
+    phi: Array  # (2 N,) the solution
+    p: Array  # (2 N,)
+    anchor: Array  # (2 N,) phi_0
+    end: Array  # (2 N,) s+
+    size: Array  # (2 N,) sum of the absolute values of the terms of s+
+    away: Array  # (2 N,) the point that is projected on the disc
+    radius: Array  # (N,)
+    fixed: Array  # (N,) the radii, where they do not follow the reactions
+    forced: Array  # (N,) not 0: sticks whatever its limit
+    residual: Array  # (4 N,) H of phi, of p
+    listed: Array  # (4 N,) unknowns: j for phi_j, 2 N + j for p_j
+    matrix: Array  # (4 N, 4 N + 1)
+    tried: Array  # (4 N,) the unknowns before a Newton step
+    start: Array  # (4 N,) the same before Newton's method
+    slope: Array  # (2 N,) of a limit
+
+
+@inline_function
+def shift(g: GroupProblem, j: int) -> float:
+    """s^ - s+ of component j, without the proximal term."""
+    return float(g.back[j] + (1.0 / g.theta[j // 2] - 1.0) * g.before[j])
+
+
+@device_function
+def evaluate(g: GroupProblem, follow: bool) -> float:
+    """Update s+, the radii (``follow``; else the fixed ones) and H; returns the relative |H|."""
+    n = 2 * g.number
+    for j in range(n):
+        total, size = g.free[j], abs(g.free[j])
+        for k in range(n):
+            term = g.s[j, k] * (g.phi[k] + g.p[k])
+            total += term
+            size += abs(term)
+        g.end[j], g.size[j] = total, size
+    worst = 0.0
+    for c in range(g.number):
+        for j in (2 * c, 2 * c + 1):
+            g.residual[n + j] = 0.0
+            if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
+                worst = max(worst, _bound_residual(g, j))
+        if g.on[c] != 0.0:
+            worst = max(worst, _disc_residual(g, c, follow))
+    return worst
+
+
+@inline_function
+def _bound_residual(g: GroupProblem, j: int) -> float:
+    n, gain = 2 * g.number, g.s[j, j]
+    p, rate = g.p[j], g.end[j]
+    taken = max(0.0, p - (rate - g.low[j]) / gain) + min(0.0, p - (rate - g.high[j]) / gain)
+    g.residual[n + j] = p - taken
+    size = g.size[j]
+    if taken > 0.0 or p > 0.0:
+        size += abs(g.low[j])
+    elif taken < 0.0 or p < 0.0:
+        size += abs(g.high[j])
+    return abs(p - taken) * gain / size if size > 0.0 else 0.0
+
+
+@inline_function
+def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
+    i, j = 2 * c, 2 * c + 1
+    m = g.epsilon[0] * g.mobility[c]
+    gain = m if g.sharp[0] != 0.0 else g.gain[c]
+    x, y = g.end[i] + shift(g, i), g.end[j] + shift(g, j)
+    radius = g.fixed[c]
+    if g.forced[c] != 0.0:
+        radius = math.inf
+    elif follow:
+        law = model.law(g.par[c])
+        rate = g.theta[c] * math.sqrt(x * x + y * y)
+        radius = limit(law, g.par[c], rate, contact(law, _reaction(g, c)).normal)
+    g.radius[c] = radius
+    a = g.phi[i] - (x + m * (g.phi[i] - g.anchor[i])) / gain
+    b = g.phi[j] - (y + m * (g.phi[j] - g.anchor[j])) / gain
+    if g.moves[i] == 0.0:
+        a = 0.0
+    if g.moves[j] == 0.0:
+        b = 0.0
+    g.away[i], g.away[j] = a, b
+    out = math.sqrt(a * a + b * b)
+    share = 1.0 if out <= radius else radius / out
+    g.residual[i], g.residual[j] = g.phi[i] - share * a, g.phi[j] - share * b
+    size = (g.size[i] + g.size[j]) / g.gain[c] + (radius if radius < math.inf else 0.0)
+    off = math.sqrt(g.residual[i] ** 2 + g.residual[j] ** 2)
+    return off / size if size > 0.0 else 0.0
+
+
+@inline_function
+def _reaction(g: GroupProblem, c: int) -> tuple[float, float, float, float]:
+    """The constraint reactions (f2, f3, m2, m3) of connector c."""
+    n, r = 2 * g.number, 4 * c
+    f2, f3, m2, m3 = g.base[r], g.base[r + 1], g.base[r + 2], g.base[r + 3]
+    for k in range(n):
+        u = g.phi[k] + g.p[k]
+        f2 += g.by[r, k] * u
+        f3 += g.by[r + 1, k] * u
+        m2 += g.by[r + 2, k] * u
+        m3 += g.by[r + 3, k] * u
+    return (f2, f3, m2, m3)
+
+
+@device_function
+def _limit_slope(g: GroupProblem, c: int) -> None:
+    """Write the slope of the limit of connector c over all components to ``slope``."""
+    n, i, j, r = 2 * g.number, 2 * c, 2 * c + 1, 4 * c
+    par = g.par[c]
+    law = model.law(par)
+    f2, f3, m2, m3 = _reaction(g, c)
+    pressed = contact(law, (f2, f3, m2, m3))
+    x, y = g.end[i] + shift(g, i), g.end[j] + shift(g, j)
+    total = math.sqrt(x * x + y * y)
+    rate = g.theta[c] * total
+    radius = limit(law, par, rate, pressed.normal)
+    over_normal = coefficient(law, par, rate, pressed.normal)
+    over_rate = 0.0
+    if law.force_slope > 0.0 and pressed.normal > 0.0:
+        d = _DIFFERENCE * pressed.normal
+        over_normal = (limit(law, par, rate, pressed.normal + d) - radius) / d
+    if law.rate_slope > 0.0 and rate > 0.0:
+        d = _DIFFERENCE * rate
+        over_rate = (limit(law, par, rate + d, pressed.normal) - radius) / d
+    if radius >= law.cap:
+        over_normal = over_rate = 0.0
+    if pressed.radial + pressed.bending + law.preload < 0.0:
+        over_normal = -over_normal
+    radial = over_normal / pressed.radial if pressed.radial > 0.0 else 0.0
+    bending = over_normal * law.bending / pressed.moment if pressed.moment > 0.0 else 0.0
+    across = over_rate * g.theta[c] / total if total > 0.0 else 0.0
+    for k in range(n):
+        g.slope[k] = (
+            radial * (f2 * g.by[r, k] + f3 * g.by[r + 1, k])
+            + bending * (m2 * g.by[r + 2, k] + m3 * g.by[r + 3, k])
+            + across * (x * g.s[i, k] + y * g.s[j, k])
+        )
+
+
+@device_function
+def list_unknowns(g: GroupProblem) -> int:
+    """List the unknowns; returns their number."""
+    n, count = 2 * g.number, 0
+    for j in range(n):
+        if g.on[j // 2] != 0.0 and g.moves[j] != 0.0:
+            g.listed[count] = j
+            count += 1
+    for j in range(n):
+        if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
+            g.listed[count] = n + j
+            count += 1
+    return count
+
+
+@device_function
+def linearise(g: GroupProblem, unknowns: int, follow: bool) -> None:
+    """Write the generalised Jacobian of H and -H to ``matrix``."""
+    n = 2 * g.number
+    row = 0
+    while row < unknowns:
+        j = int(g.listed[row])
+        if j >= n:
+            _linearise_bound(g, row, j - n, unknowns)
+            row += 1
+            continue
+        both = g.moves[2 * (j // 2)] != 0.0 and g.moves[2 * (j // 2) + 1] != 0.0
+        _linearise_disc(g, row, j // 2, both, unknowns, follow)
+        row += 2 if both else 1
+
+
+@inline_function
+def _linearise_bound(g: GroupProblem, row: int, j: int, unknowns: int) -> None:
+    n, gain, p = 2 * g.number, g.s[j, j], g.p[j]
+    taken = p - (g.end[j] - g.low[j]) / gain > 0.0 or p - (g.end[j] - g.high[j]) / gain < 0.0
+    for column in range(unknowns):
+        k = int(g.listed[column])
+        if taken:
+            g.matrix[row, column] = g.s[j, k % n] / gain
+        else:
+            g.matrix[row, column] = 1.0 if k == n + j else 0.0
+    g.matrix[row, unknowns] = -g.residual[n + j]
+
+
+@device_function
+def _linearise_disc(
+    g: GroupProblem, row: int, c: int, both: bool, unknowns: int, follow: bool
+) -> None:
+    n, i, j = 2 * g.number, 2 * c, 2 * c + 1
+    m = g.epsilon[0] * g.mobility[c]
+    gain = m if g.sharp[0] != 0.0 else g.gain[c]
+    a, b = g.away[i], g.away[j]
+    out = math.sqrt(a * a + b * b)
+    slips = out > g.radius[c]
+    share, d11, d12, d22, n1, n2 = 1.0, 1.0, 0.0, 1.0, 0.0, 0.0
+    if slips:
+        share, n1, n2 = g.radius[c] / out, a / out, b / out
+        d11, d12, d22 = share * n2 * n2, -share * n1 * n2, share * n1 * n1
+        if follow:
+            _limit_slope(g, c)
+    first = g.moves[i] != 0.0
+    second_row = row + 1 if first else row
+    for column in range(unknowns):
+        k = int(g.listed[column])
+        at = k % n
+        q1, q2 = -g.s[i, at] / gain, -g.s[j, at] / gain
+        e1 = e2 = 0.0
+        if k == i:
+            q1 += 1.0 - m / gain
+            e1 = 1.0
+        elif k == j:
+            q2 += 1.0 - m / gain
+            e2 = 1.0
+        if not first:
+            q1 = 0.0
+        elif not both:
+            q2 = 0.0
+        grown = g.slope[at] if slips and follow else 0.0
+        if first:
+            g.matrix[row, column] = e1 - d11 * q1 - d12 * q2 - n1 * grown
+        if both or not first:
+            g.matrix[second_row, column] = e2 - d12 * q1 - d22 * q2 - n2 * grown
+    if first:
+        g.matrix[row, unknowns] = -g.residual[i]
+    if both or not first:
+        g.matrix[second_row, unknowns] = -g.residual[j]

@@ -1,0 +1,1 @@
+"""Connectors that share bodies: their step, solved together."""

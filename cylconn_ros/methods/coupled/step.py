@@ -1,0 +1,371 @@
+"""The step of method impulse for connectors that share bodies, solved together.
+
+Let Lambda_c be the wrench of connector c and w_c+ the relative twist at its node b at the end of
+the step. The wrenches of all connectors move the bodies:
+
+    v+ = vf + h M^-1 sum_d J~_d^T Lambda_d        w_c+ = J~_c vf + h sum_d G_cd Lambda_d
+    G_cd = J~_c M^-1 J~_d^T                       the Delassus operator
+
+The constrained rows of all connectors (y, z and both misalignments of each) have the targets of a
+single connector:
+
+    R = P (b - G_ra phi)        R: f2 f3 m2 m3 of all; phi: f1 m1 of all; b = (target - J~ vf)/h
+
+P gives the minimum-norm solution (core/least_norm.py) in the metric sum f^2 + (m / arm)^2: if
+connectors constrain a body redundantly, the reactions are the smallest that satisfy the
+constraints. What remains are slide and spin of all (core/group_friction.py). With their solution,
+each connector completes its step as if it were alone, the forces of the others being known
+(methods/free_axes.py): it solves its friction and limits once more, and stores its history.
+"""
+
+import math
+from typing import Final
+
+from cylconn_ros.core import layout, model
+from cylconn_ros.core.dense import solve_general
+from cylconn_ros.core.free_gain import store_step, update_gain
+from cylconn_ros.core.friction import SIZE, Array, coefficient, contact, limit, set_limit
+from cylconn_ros.core.group_friction import (
+    GroupProblem,
+    limit_friction,
+    solve_group_friction,
+)
+from cylconn_ros.core.jit import device_function, inline_function, kernel
+from cylconn_ros.core.kinematics import Twist
+from cylconn_ros.core.relative_state import RelativeState, measure
+from cylconn_ros.methods import impulse
+from cylconn_ros.methods.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.coupled.constraints import (
+    BACK,
+    HIGH,
+    LOW,
+    MEASURED,
+    NPREPARED,
+    PUSH,
+    RADIUS,
+    WAS_STICK,
+    Arrays,
+    E,
+    change,
+    constraint_residual,
+    eliminate,
+    prepare,
+    write_delassus,
+    write_moved,
+)
+from cylconn_ros.methods.dispatch import begin, finish
+from cylconn_ros.methods.free_axes import solve_free_axes
+
+# --- report of a step ---
+RESIDUAL: Final = 0  # of friction and limits of all
+STEPS: Final = 1  # Newton steps
+OFF: Final = 2  # rate of the constraints that contradict each other, m/s
+NREPORT: Final = 3
+
+CONTRADICTION: Final = 1e-5  # m in a step, by which constraints may contradict each other
+AT_REST: Final = 1e-12  # slip over the terms that make it up
+CONVERGED: Final = 1e-9  # residual of a solution
+
+
+@device_function
+def _pose(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
+    """Write the problem of slide and spin, springs included, in scaled components."""
+    n, q = 2 * g.number, 4 * g.number
+    sprung = False
+    for i in range(n):
+        sprung = sprung or a.prepared[i // 2, E + i % 2] != 0.0
+    for i in range(n):
+        total = a.slip[i]
+        for j in range(n):
+            total += a.a[i, j] * a.prepared[j // 2, PUSH + j % 2]
+            g.s[i, j] = a.a[i, j]
+            if sprung:
+                a.system[i, j] = a.a[i, j] * a.prepared[j // 2, E + j % 2]
+                a.system[i, n + j] = a.a[i, j]
+        g.free[i] = total
+        if sprung:
+            a.system[i, i] += 1.0
+            a.system[i, 2 * n] = total
+    if sprung:
+        solve_general(a.system, n, n + 1)
+        for i in range(n):
+            g.free[i] = a.system[i, 2 * n]
+            for j in range(n):
+                g.s[i, j] = a.system[i, n + j]
+    for i in range(q):
+        base = a.x[n, i]
+        for j in range(n):
+            e = a.prepared[j // 2, E + j % 2]
+            base += a.x[j, i] * (a.prepared[j // 2, PUSH + j % 2] - e * g.free[j])
+            by = a.x[j, i]
+            for k in range(n if sprung else 0):
+                by -= a.x[k, i] * a.prepared[k // 2, E + k % 2] * g.s[k, j]
+            g.by[i, j] = by
+        g.base[i] = base
+    _scale(g, a, constants, h)
+
+
+@inline_function
+def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
+    """Scale spin by the radius; write what else describes the problem."""
+    n, q = 2 * g.number, 4 * g.number
+    for j in range(n):
+        c = j // 2
+        r = constants[c, RADIUS] if j % 2 == 1 else 1.0
+        g.moves[j] = 1.0 if a.a[j, j] > 0.0 else 0.0
+        g.free[j] *= r
+        for i in range(n):
+            g.s[i, j] *= r
+            g.s[j, i] *= r
+        for i in range(q):
+            g.by[i, j] *= r
+        g.low[j], g.high[j] = r * a.prepared[c, LOW + j % 2], r * a.prepared[c, HIGH + j % 2]
+        g.back[j] = r * a.prepared[c, BACK + j % 2] * g.moves[j]
+        g.before[j] = r * a.prepared[c, MEASURED + j % 2] * g.moves[j]
+        g.phi[j] = g.p[j] = g.anchor[j] = 0.0
+    for c in range(g.number):
+        par = g.par[c]
+        mobility = (par[model.BODY_A + 2] if par[model.BODY_A] != 0.0 else 0.0) + (
+            par[model.BODY_B + 2] if par[model.BODY_B] != 0.0 else 0.0
+        )
+        g.mobility[c] = h * mobility
+        greatest = max(g.s[2 * c, 2 * c], g.s[2 * c + 1, 2 * c + 1])
+        g.gain[c] = greatest if greatest > 0.0 else 1.0
+        g.on[c] = 1.0 if greatest > 0.0 and model.law(par).on else 0.0
+        g.forced[c] = 0.0
+        a.was_stick[c] = a.prepared[c, WAS_STICK]
+
+
+@inline_function
+def _write_total(g: GroupProblem, a: Arrays, constants: Array) -> None:
+    """(f1, m1) of all for the solution."""
+    for j in range(2 * g.number):
+        c, k = j // 2, j % 2
+        r = constants[c, RADIUS] if k == 1 else 1.0
+        rate = g.end[j] / r
+        a.forces[j] = a.prepared[c, PUSH + k] - a.prepared[c, E + k] * rate
+        a.forces[j] += r * (g.phi[j] + g.p[j])
+
+
+@inline_function
+def _reduced(a: Arrays, c: int, count: int, h: float) -> ReducedStep:
+    """The step of connector c with the forces on slide and spin of the others known."""
+    n, i, j = 2 * count, 2 * c, 2 * c + 1
+    b0, b1, b2, b3 = a.x[n, 4 * c], a.x[n, 4 * c + 1], a.x[n, 4 * c + 2], a.x[n, 4 * c + 3]
+    free1, free2 = a.slip[i], a.slip[j]
+    for k in range(n):
+        if k // 2 != c:
+            f = a.forces[k]
+            b0 += a.x[k, 4 * c] * f
+            b1 += a.x[k, 4 * c + 1] * f
+            b2 += a.x[k, 4 * c + 2] * f
+            b3 += a.x[k, 4 * c + 3] * f
+            free1 += a.a[i, k] * f
+            free2 += a.a[j, k] * f
+    a11, a22 = a.a[i, i], a.a[j, j]
+    if a11 == 0.0:  # held by the others: any mobility gives no force
+        a11 = h * a.g[6 * c, 6 * c]
+    if a22 == 0.0:
+        a22 = h * a.g[6 * c + 3, 6 * c + 3]
+    return ReducedStep(
+        (b0, b1, b2, b3),
+        (a.x[i, 4 * c], a.x[i, 4 * c + 1], a.x[i, 4 * c + 2], a.x[i, 4 * c + 3]),
+        (a.x[j, 4 * c], a.x[j, 4 * c + 1], a.x[j, 4 * c + 2], a.x[j, 4 * c + 3]),
+        (free1, free2),
+        (a11, a.a[i, j], a22),
+    )
+
+
+@device_function
+def _complete(
+    par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, moves: tuple[bool, bool],
+    flags: int, out: Array,
+) -> int:  # fmt: skip
+    """Complete the step of one connector, its constraints eliminated; returns the status.
+
+    ``moves``: of slide and spin. What the others hold has no slip that friction could oppose.
+    """
+    status = begin(par, mem, sample, h, out)
+    if status != layout.OK:
+        return status
+    o = measure(par, mem, sample, out)
+    s = impulse.prepare_step(par, mem, sample, o, h, False)
+    s = impulse.PreparedStep(
+        s.a, s.b, s.acting, s.g, s.free, s.jacobian_change, s.target, r, s.flags | flags
+    )
+    v, w = o.twist.v, o.twist.w
+    free = Twist((v[0] if moves[0] else 0.0, v[1], v[2]), (w[0] if moves[1] else 0.0, w[1], w[2]))
+    o = RelativeState(
+        o.body_a, o.body_b, o.nodes, o.a, o.b, o.frame, free, o.length, o.angle, o.error, o.flags
+    )
+    update_gain(par, mem, free.v[0], free.w[0], h)
+    av = solve_free_axes(par, mem, o, r, h, model.output(par).semi_implicit)
+    flags = impulse.write_outputs(par, mem, out, o, s, av, h, 1.0)
+    store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
+    out[layout.RESIDUAL] = av.solved.residual
+    return finish(par, mem, sample, h, flags, out)
+
+
+@inline_function
+def _fix_limit(par: Array, kept: Array, g: GroupProblem, c: int, solved: bool) -> None:
+    """Fix the limit of connector c at that of the group's solution; keep the law's numbers.
+
+    With a limit of its own, that depends on its forces, the connector could find another solution
+    than the group: jam, where all together slide.
+    """
+    at = model.FRICTION
+    for k in range(SIZE):
+        kept[k] = par[at + k]
+    if g.on[c] == 0.0:
+        return
+    radius = g.radius[c] if solved else g.fixed[c]
+    i, j = 2 * c, 2 * c + 1
+    x, y = g.end[i] + g.back[i], g.end[j] + g.back[j]
+    if math.sqrt(x * x + y * y) <= AT_REST * (g.size[i] + g.size[j]):
+        radius *= 1.0 + CONVERGED  # at rest: stick, at its limit too
+    set_limit(par, at, radius)
+
+
+@inline_function
+def _write_law(par: Array, r: ReducedStep, out: Array) -> None:
+    """Write coefficient, limit and the flag of a jam by the true law of the connector."""
+    law = model.law(par)
+    normal, traction = out[layout.NORMAL_FORCE], out[layout.TRACTION]
+    if out[layout.REGIME] == layout.SLIP:
+        if normal > 0.0 and traction < law.cap:
+            out[layout.FRICTION_COEFFICIENT] = traction / normal
+        else:
+            out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
+        return
+    out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
+    out[layout.FRICTION_LIMIT] = limit(law, par, 0.0, normal)
+    f1 = out[layout.FORCE] - out[layout.FORCE_FRICTION]
+    m1 = out[layout.MOMENT] - out[layout.MOMENT_FRICTION]
+    grown = normal - contact(law, reactions(r, f1, m1)).normal
+    if not (coefficient(law, par, 0.0, grown) * grown >= traction > 0.0):
+        out[layout.FLAGS] = int(out[layout.FLAGS]) & ~layout.JAMMED
+
+
+@device_function
+def _step(
+    par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array, a: Arrays,
+    g: GroupProblem, report: Array,
+) -> int:  # fmt: skip
+    """:func:`step_group` with the working memory in parts."""
+    count = samples.shape[0]
+    for c in range(count):
+        for k in range(model.NMEM):
+            a.scratch[k] = mem[c, k]
+        status = prepare(par[c], a.scratch, samples[c], h, outs[c], a.prepared[c])
+        if status != layout.OK:
+            return status
+        write_moved(par[c], constants[c], a.prepared[c], a.moved[c])
+    write_delassus(a, count, par, constants)
+    off = eliminate(a, count, constants, h)
+    _pose(g, a, constants, h)
+    residual, steps = solve_group_friction(g, a.was_stick)
+    flags = layout.CONTRADICTORY if not off * h <= CONTRADICTION else 0
+    solved = residual <= CONVERGED
+    if not solved:
+        flags |= layout.NOT_CONVERGED
+        limit_friction(g)
+    _write_total(g, a, constants)
+    for c in range(count):
+        if g.moves[2 * c] == 0.0 and g.moves[2 * c + 1] == 0.0:
+            flags |= layout.CONTRADICTORY
+    worst = layout.OK
+    for c in range(count):
+        r = _reduced(a, c, count, h)
+        moves = (g.moves[2 * c] != 0.0, g.moves[2 * c + 1] != 0.0)
+        _fix_limit(par[c], a.scratch, g, c, solved)
+        status = _complete(par[c], mem[c], samples[c], h, r, moves, flags, outs[c])
+        for k in range(SIZE):
+            par[c, model.FRICTION + k] = a.scratch[k]
+        if status == layout.OK and model.law(par[c]).on:
+            _write_law(par[c], r, outs[c])
+        worst = status if worst == layout.OK else worst
+    if worst != layout.OK:
+        return worst
+    moved = change(a, count, outs, constants)
+    residual = max(residual, moved, constraint_residual(a, count, outs, constants, h))
+    for c in range(count):
+        outs[c, layout.RESIDUAL] = max(outs[c, layout.RESIDUAL], residual)
+        if residual > CONVERGED:
+            outs[c, layout.FLAGS] = int(outs[c, layout.FLAGS]) | layout.NOT_CONVERGED
+    report[RESIDUAL], report[STEPS], report[OFF] = residual, steps, off
+    return layout.OK
+
+
+@kernel
+def step_group(
+    par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array,
+    memory: Array, report: Array,
+) -> int:  # fmt: skip
+    """Compute one step of N connectors; returns the status, the first that is not OK.
+
+    Args:
+        par: (N, size). mem: (N, NMEM), updated. samples: (N, NSAMPLE). outs: (N, NOUT).
+        constants: (N, NCONSTANTS). memory: (1, working_size(N)). report: (NREPORT,).
+    """
+    count = samples.shape[0]
+    work = memory[0]
+    n, q = 2 * count, 4 * count
+    at = model.NMEM
+    sizes = (
+        count * NPREPARED, 72 * count, 36 * count * count, q * q, q * q, q * q, q, q,
+        (n + 1) * q, n * n, n, n * (2 * n + 1), n, count,
+    )  # fmt: skip
+    o1 = at + sizes[0]
+    o2 = o1 + sizes[1]
+    o3 = o2 + sizes[2]
+    o4 = o3 + sizes[3]
+    o5 = o4 + sizes[4]
+    o6 = o5 + sizes[5]
+    o7 = o6 + sizes[6]
+    o8 = o7 + sizes[7]
+    o9 = o8 + sizes[8]
+    o10 = o9 + sizes[9]
+    o11 = o10 + sizes[10]
+    o12 = o11 + sizes[11]
+    o13 = o12 + sizes[12]
+    a = Arrays(
+        work[0 : model.NMEM],
+        work[at : at + count * NPREPARED].reshape((count, NPREPARED)),
+        work[o1 : o1 + count * 72].reshape((count, 72)),
+        work[o2 : o2 + 6 * count * 6 * count].reshape((6 * count, 6 * count)),
+        work[o3 : o3 + q * q].reshape((q, q)),
+        work[o4 : o4 + q * q].reshape((q, q)),
+        work[o5 : o5 + q * q].reshape((q, q)),
+        work[o6 : o6 + q],
+        work[o7 : o7 + q],
+        work[o8 : o8 + (n + 1) * q].reshape((n + 1, q)),
+        work[o9 : o9 + n * n].reshape((n, n)),
+        work[o10 : o10 + n],
+        work[o11 : o11 + n * (2 * n + 1)].reshape((n, 2 * n + 1)),
+        work[o12 : o12 + n],
+        work[o13 : o13 + count],
+        work[o13 + count : o13 + count + 1],
+    )
+    s = o13 + count + 1
+    by = s + n * n
+    m = by + q * n
+    v = m + 2 * n * (2 * n + 1)
+    w = v + 12 * n
+    u = w + 8 * count
+    g = GroupProblem(
+        count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
+        work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
+        work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
+        work[v + 5 * n : v + 6 * n], work[w + count : w + 2 * count],
+        work[w + 2 * count : w + 3 * count], work[w + 3 * count : w + 4 * count],
+        work[u + 5 * q : u + 5 * q + 1], work[u + 5 * q + 1 : u + 5 * q + 2],
+        work[v + 6 * n : v + 7 * n], work[v + 7 * n : v + 8 * n], work[v + 8 * n : v + 9 * n],
+        work[v + 9 * n : v + 10 * n], work[v + 10 * n : v + 11 * n],
+        work[v + 11 * n : v + 12 * n], work[w + 4 * count : w + 5 * count],
+        work[w + 5 * count : w + 6 * count], work[w + 6 * count : w + 7 * count],
+        work[u + q : u + 2 * q], work[u + 2 * q : u + 3 * q],
+        work[m : m + 2 * n * (2 * n + 1)].reshape((2 * n, 2 * n + 1)),
+        work[u + 3 * q : u + 4 * q], work[u + 4 * q : u + 5 * q],
+        work[u + 5 * q + 2 : u + 5 * q + 2 + n],
+    )  # fmt: skip
+    return _step(par, mem, samples, h, outs, constants, a, g, report)
