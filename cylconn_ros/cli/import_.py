@@ -4,6 +4,8 @@ Masses, inertias, axes, limits, springs and damping are taken over. What the mod
 and L of friction, and where the bearing is) is marked in the file with the consequence; what it
 says and the scene does not hold is listed. A deck has no units: give them with --units.
 
+For example: cylconn import robot.urdf --joint drawer -o drawer.yaml
+
 Next: fill in what is marked NOT KNOWN, then `cylconn simulate FILE`.
 """
 
