@@ -71,8 +71,7 @@ ELASTIC_SLIP: Final = 51  # 2, of the penalty method's stick, m
 PENDING_SIDE: Final = (
     53  # 2: second step of an impact: -1 at the lower stop, 1 at the upper, 0 none
 )
-PENDING_RATE: Final = 55  # 2: rate after the impact
-PENDING_RESTITUTION: Final = 57
+PENDING_RATE: Final = 55  # 2: rate of the gap after the impact
 LOCKED: Final = 58  # whether the lock has closed
 LOCK_POSITION: Final = 59  # position at which it holds
 LAST_LOCK_POSITION: Final = 60  # last position of the component that the lock holds
@@ -121,7 +120,10 @@ CONTRADICTED: Final = (
 CONTRADICTION: Final = CONTRADICTED + 1  # 2 x 3: of each body, the squares of its motions by poses
 #                             and by twists when these last differed, and their product, m^2
 FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_gain.py)
-NMEM: Final = FREE_GAIN + 24
+PENDING_ACCELERATION: Final = FREE_GAIN + 24  # 2: of the gap after the impact
+PENDING_TIME: Final = PENDING_ACCELERATION + 2  # 2: from the first step's sample to the impact, s
+PENDING_RESTITUTION: Final = PENDING_TIME + 2  # 2
+NMEM: Final = PENDING_RESTITUTION + 2
 
 
 class Output(NamedTuple):
