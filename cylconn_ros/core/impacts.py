@@ -3,7 +3,8 @@
 With the gap g of a stop, its rate w (negative: approaching) and the acceleration a1 under everything
 but the stop, the stop is reached after T, the root of g + w T + a1 T^2/2 = 0 at which the gap falls,
 at the rate w_T = w + a1 T. The component leaves it at -eps w_T and moves on under a2; if a2 < 0 it
-returns, and the series of its bounces is summed in closed form (:func:`bounced`).
+returns, and the series of its bounces is summed in closed form (:func:`bounced`). A return that the next step can begin is part of its ideal motion, so that
+hops shorter than a step are followed without one wrench each.
 
 One wrench is held over each period, so that an impulse at T is divided over two steps, with its
 first moment: shares 3/2 - T/h and T/h - 1/2, for T/h in [1/2, 3/2). Equivalently, with gap x2 and
@@ -71,34 +72,51 @@ def closes(rebound: float, a: float, eps: float, h: float) -> bool:
 
 
 @inline_function
-def bounced(rebound: float, a: float, eps: float, t: float) -> Two:
-    """Gap and its rate a time t after leaving the stop at ``rebound`` >= 0, acceleration a."""
+def bounces(rebound: float, a: float, eps: float, t: float) -> int:
+    """Number of returns to the stop within t after leaving it at ``rebound``; -1: it rests then."""
     if a >= 0.0:
-        return rebound * t + 0.5 * a * t * t, rebound + a * t
+        return 0
     if rebound <= 0.0:
-        return 0.0, 0.0
+        return -1
     hop = 2.0 * rebound / -a
     if t < hop:
-        return rebound * t + 0.5 * a * t * t, rebound + a * t
-    if eps < 1.0:
-        left = 1.0 - t * (1.0 - eps) / hop
-        if eps == 0.0 or left <= 0.0:
-            return 0.0, 0.0
-        n = math.floor(math.log(left) / math.log(eps))
-        share = eps**n
-        begun = hop * (1.0 - share) / (1.0 - eps)
-    else:
-        n = math.floor(t / hop)
-        share, begun = 1.0, n * hop
-    since, rate = max(t - begun, 0.0), share * rebound
-    return max(rate * since + 0.5 * a * since * since, 0.0), rate + a * since
+        return 0
+    if eps == 1.0:
+        return int(t / hop)
+    left = 1.0 - t * (1.0 - eps) / hop
+    if eps == 0.0 or left <= 0.0:
+        return -1
+    return int(math.log(left) / math.log(eps))
 
 
 @inline_function
-def ideal_end(rebound: float, a: float, eps: float, t: float, h: float, explicit: bool) -> Two:
-    """Gap and rate of the ideal motion at a sample that is a time t after the impact."""
-    x, w = bounced(rebound, a, eps, t)
-    if explicit and (x > 0.0 or w > 0.0):  # the rate of the plant, not of its parabola
+def bounced(rebound: float, a: float, eps: float, t: float, until: float) -> Two:
+    """Gap and its rate a time t after leaving the stop at ``rebound`` >= 0, acceleration a.
+
+    Returns to the stop later than ``until`` are left to a later step.
+    """
+    n = bounces(rebound, a, eps, until)
+    if n < 0:
+        return 0.0, 0.0
+    share, begun = 1.0, 0.0
+    if n > 0:
+        share = eps**n
+        begun = 2.0 * rebound / -a * (n if eps == 1.0 else (1.0 - share) / (1.0 - eps))
+    since, rate = t - begun, share * rebound
+    return rate * since + 0.5 * a * since * since, rate + a * since
+
+
+@inline_function
+def ideal_end(
+    rebound: float, a: float, eps: float, t: float, h: float, explicit: bool
+) -> Two:
+    """Gap and rate of the ideal motion two steps after a sample, a time t after the impact.
+
+    Only what the first of the two steps can begin is included.
+    """
+    until = t - 2.0 * h + latest(h, explicit)
+    x, w = bounced(rebound, a, eps, t, until)
+    if explicit and (x != 0.0 or w != 0.0):  # the rate of the plant, not of its parabola
         return x, w - 0.5 * h * a
     return x, w
 

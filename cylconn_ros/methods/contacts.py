@@ -13,6 +13,7 @@ from cylconn_ros.core.delay import feedback_gain
 from cylconn_ros.core.free_gain import free_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.impacts import (
+    bounces,
     bounded_gap,
     closes,
     earliest,
@@ -53,6 +54,7 @@ class StopBounds(NamedTuple):
     rebound: float  # rate of the gap after the impact
     acceleration: float  # of the gap after it
     time: float  # from the sample to the impact, s
+    continues: bool  # whether the impact has another step
 
 
 @inline_function
@@ -146,22 +148,31 @@ def _one_sided(b: Two, side: int, target: float, impact: int, rest: int) -> Boun
 @inline_function
 def _second_step(
     par: Array, mem: Array, k: int, x: float, w: float, h: float, explicit: bool
-) -> Bounds:
-    """Bounds of an impact's second step."""
+) -> StopBounds:
+    """Bounds of an impact's second step; a return to the stop within reach follows at once."""
     side = -1 if mem[model.PENDING_SIDE + k] < 0.0 else 1
     elapsed = mem[model.LAST_PERIOD]
-    end = ideal_end(
-        mem[model.PENDING_RATE + k], mem[model.PENDING_ACCELERATION + k],
-        mem[model.PENDING_RESTITUTION + k], max(elapsed + h - mem[model.PENDING_TIME + k], 0.0),
-        h, explicit,
-    )  # fmt: skip
+    rebound, a = mem[model.PENDING_RATE + k], mem[model.PENDING_ACCELERATION + k]
+    eps = mem[model.PENDING_RESTITUTION + k]
+    t = elapsed + h - mem[model.PENDING_TIME + k]
+    gap, rate = gap_of(par, k, x, side), -side * w
     if elapsed > LOST * h:  # the first wrench acted for too long: it is taken back
-        rate = end[1] if side < 0 else -end[1]
-        return Bounds(rate, rate, side, 0)
-    target = end[1]
-    if end[0] == 0.0 and end[1] == 0.0:
-        target = contact_rate(par, mem, k, gap_of(par, k, x, side), -side * w, h)
-    return _one_sided(_pulled_in(par, mem, k, x, w, h), side, target, side, 0)
+        back = -side * ideal_end(rebound, a, eps, t, h, explicit)[1]
+        return StopBounds(Bounds(back, back, side, 0), eps, 0.0, 0.0, 0.0, False)
+    both = _pulled_in(par, mem, k, x, w, h)
+    before = t - 2.0 * h + latest(h, explicit)
+    again = bounces(rebound, a, eps, before + h) != bounces(rebound, a, eps, before)
+    ideal = ideal_end(rebound, a, eps, t + h if again else t, h, explicit)
+    if ideal[0] == 0.0 and ideal[1] == 0.0:
+        target = contact_rate(par, mem, k, gap, rate, h)
+    elif again:
+        target = first_rate(gap, rate, ideal, h, explicit)
+    else:
+        target = ideal[1]
+    passed = mem[model.PENDING_TIME + k] - elapsed
+    return StopBounds(
+        _one_sided(both, side, target, side, 0), eps, rebound, a, passed, again
+    )
 
 
 @device_function
@@ -175,9 +186,9 @@ def stop_bounds(
     """
     x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
     if free_gain(par, mem) < 1.0:
-        return StopBounds(lowered_contact(par, mem, k, x, w, h), 0.0, 0.0, 0.0, 0.0)
+        return StopBounds(lowered_contact(par, mem, k, x, w, h), 0.0, 0.0, 0.0, 0.0, False)
     if mem[model.PENDING_SIDE + k] != 0.0:
-        return StopBounds(_second_step(par, mem, k, x, w, h, explicit), 0.0, 0.0, 0.0, 0.0)
+        return _second_step(par, mem, k, x, w, h, explicit)
     both = _pulled_in(par, mem, k, x, w, h)
     side, found = 0, reached(math.inf, 0.0, 0.0, h, explicit)
     for s in (-1, 1):
@@ -187,7 +198,7 @@ def stop_bounds(
         target = contact_rate(par, mem, k, gap, rate, h)
         reach = REST_SHARE * abs(change) * h + ROUNDING * par[model.PULL_IN + k] * h
         if change < 0.0 and abs(gap) <= reach and is_at_rest(par, k, w, 0.0, change):
-            return StopBounds(_one_sided(both, s, target, 0, s), 0.0, 0.0, 0.0, 0.0)
+            return StopBounds(_one_sided(both, s, target, 0, s), 0.0, 0.0, 0.0, 0.0, False)
         if feedback_gain(par, mem) < LEAST_FEEDBACK:
             both_now = _one_sided(both, s, target, 0, 0)
             both = (both_now.low, both_now.high)
@@ -196,7 +207,7 @@ def stop_bounds(
         if c.time < latest(h, explicit) and c.time < found.time:
             side, found = s, c
     if side == 0:
-        return StopBounds(Bounds(both[0], both[1], 0, 0), 0.0, 0.0, 0.0, 0.0)
+        return StopBounds(Bounds(both[0], both[1], 0, 0), 0.0, 0.0, 0.0, 0.0, False)
 
     a1, gap, rate = -side * (end - w) / h, gap_of(par, k, x, side), -side * w
     other_fixed = b2.low == b2.high if k == 0 else b1.low == b1.high
@@ -207,14 +218,14 @@ def stop_bounds(
     a2 = _leaving(par, mem, o, r, sp, h, explicit, k, b1, b2, side, rebound - rate, rebound, other_fixed)
     if closes(rebound, a2, eps, h):
         target = contact_rate(par, mem, k, gap, rate, h)
-        return StopBounds(_one_sided(both, side, target, side, 0), 0.0, 0.0, 0.0, time)
+        return StopBounds(_one_sided(both, side, target, side, 0), 0.0, 0.0, 0.0, time, True)
     if gap < 0.0 or time < earliest(h, explicit):
         time = max(time, earliest(h, explicit))
         gap, hit = bounded_gap(rate, a1, time, h, explicit)
         rebound = max(-eps * hit, 0.0)
     ideal = ideal_end(rebound, a2, eps, 2.0 * h - time, h, explicit)
     target = first_rate(gap, rate, ideal, h, explicit)
-    return StopBounds(_one_sided(both, side, target, side, 0), eps, rebound, a2, time)
+    return StopBounds(_one_sided(both, side, target, side, 0), eps, rebound, a2, time, True)
 
 
 @inline_function
@@ -254,8 +265,8 @@ def with_stops(
     explicit: bool, b1: Bounds, b2: Bounds, end: Two, eps: float,
 ) -> tuple[StopBounds, StopBounds]:  # fmt: skip
     """Bounds of both components; those without stops, or with a prescribed rate, keep theirs."""
-    one = StopBounds(b1, 0.0, 0.0, 0.0, 0.0)
-    two = StopBounds(b2, 0.0, 0.0, 0.0, 0.0)
+    one = StopBounds(b1, 0.0, 0.0, 0.0, 0.0, False)
+    two = StopBounds(b2, 0.0, 0.0, 0.0, 0.0, False)
     if has_stops(par, 0) and b1.low != b1.high:
         one = stop_bounds(par, mem, o, r, sp, h, explicit, 0, b1, b2, end[0], eps)
     if has_stops(par, 1) and b2.low != b2.high:

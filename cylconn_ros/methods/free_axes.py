@@ -187,12 +187,11 @@ def _store_impact(mem: Array, k: int, c: StopBounds, side: int) -> float:
 
     There is no second step if something other than the stop held the component back.
     """
-    if mem[model.PENDING_SIDE + k] != 0.0:
-        mem[model.PENDING_SIDE + k] = 0.0
-        return mem[model.PENDING_RESTITUTION + k]
     if c.bounds.impact == 0:
+        mem[model.PENDING_SIDE + k] = 0.0
         return 0.0
-    mem[model.PENDING_SIDE + k] = c.bounds.impact if side != 0 else 0.0
+    continues = c.continues and side != 0
+    mem[model.PENDING_SIDE + k] = c.bounds.impact if continues else 0.0
     mem[model.PENDING_RATE + k] = c.rebound
     mem[model.PENDING_ACCELERATION + k] = c.acceleration
     mem[model.PENDING_TIME + k] = c.time
