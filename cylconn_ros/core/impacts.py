@@ -1,10 +1,10 @@
 """Motion of a component towards a stop and after it, under constant acceleration.
 
-With the gap g of a stop, its rate w (negative: approaching) and the acceleration a1 under everything
-but the stop, the stop is reached after T, the root of g + w T + a1 T^2/2 = 0 at which the gap falls,
-at the rate w_T = w + a1 T. The component leaves it at -eps w_T and moves on under a2; if a2 < 0 it
-returns, and the series of its bounces is summed in closed form (:func:`bounced`). A return that the next step can begin is part of its ideal motion, so that
-hops shorter than a step are followed without one wrench each.
+With the gap g of a stop, its rate w (negative: approaching) and the acceleration a1 under all but
+the stop, the stop is reached after T, the root of g + w T + a1 T^2/2 = 0 at which the gap falls, at
+the rate w_T = w + a1 T. The component leaves it at -eps w_T and moves on under a2; if a2 < 0 it
+returns, and the series of its bounces is summed in closed form (:func:`bounced`). A return that the
+next step can begin is part of its ideal motion, so that hops shorter than a step are followed.
 
 One wrench is held over each period, so that an impulse at T is divided over two steps, with its
 first moment: shares 3/2 - T/h and T/h - 1/2, for T/h in [1/2, 3/2). Equivalently, with gap x2 and
@@ -107,9 +107,7 @@ def bounced(rebound: float, a: float, eps: float, t: float, until: float) -> Two
 
 
 @inline_function
-def ideal_end(
-    rebound: float, a: float, eps: float, t: float, h: float, explicit: bool
-) -> Two:
+def ideal_end(rebound: float, a: float, eps: float, t: float, h: float, explicit: bool) -> Two:
     """Gap and rate of the ideal motion two steps after a sample, a time t after the impact.
 
     Only what the first of the two steps can begin is included.
@@ -130,6 +128,6 @@ def first_rate(gap: float, w: float, end: Two, h: float, explicit: bool) -> floa
 
 @inline_function
 def bounded_gap(w: float, a: float, time: float, h: float, explicit: bool) -> Two:
-    """The gap that closes after ``time``, and its rate then: for an impact that cannot be earlier."""
+    """The gap that closes after ``time``, and its rate then, of an impact that was put off."""
     w = w + 0.5 * h * a if explicit else w
     return -(w * time + 0.5 * a * time * time), w + a * time

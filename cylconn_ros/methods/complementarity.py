@@ -124,9 +124,7 @@ def solve_with_limits(
             continue
         found = free
         if not is_free or side1 != 0 or side2 != 0 or which != BY_RULE:
-            found = solve_case(
-                par, mem, o, rates, r, sp, h, explicit, side1, b1, side2, b2, which
-            )
+            found = solve_case(par, mem, o, rates, r, sp, h, explicit, side1, b1, side2, b2, which)
         p, q = found.reaction
         wrong = max(
             _limit_violation(b1, fixed1, side1, found.end[0], p * sp.s[0], sp.free[0]),

@@ -106,9 +106,7 @@ def restitution_without_gain(
         leaving = -now * rates[k]
         c1 = Bounds(leaving, leaving, 0, 0) if k == 0 else b1
         c2 = Bounds(leaving, leaving, 0, 0) if k == 1 else b2
-        s = solve_case(
-            par, mem, o, rates, r, sp, h, explicit, side1, c1, side2, c2, BY_RULE
-        )
+        s = solve_case(par, mem, o, rates, r, sp, h, explicit, side1, c1, side2, c2, BY_RULE)
         work = (s.friction[0] + s.reaction[0]) * (rates[0] + s.end[0])
         work += (s.friction[1] + s.reaction[1]) * (rates[1] + s.end[1])
         if work <= 0.0:
@@ -170,9 +168,7 @@ def _second_step(
     else:
         target = ideal[1]
     passed = mem[model.PENDING_TIME + k] - elapsed
-    return StopBounds(
-        _one_sided(both, side, target, side, 0), eps, rebound, a, passed, again
-    )
+    return StopBounds(_one_sided(both, side, target, side, 0), eps, rebound, a, passed, again)
 
 
 @device_function
@@ -213,9 +209,13 @@ def stop_bounds(
     other_fixed = b2.low == b2.high if k == 0 else b1.low == b1.high
     time, hit = found.time, found.rate
     if eps > 0.0:
-        eps = _reduced(par, mem, o, r, sp, h, explicit, k, b1, b2, side, rate, hit, other_fixed, eps)
+        eps = _reduced(
+            par, mem, o, r, sp, h, explicit, k, b1, b2, side, rate, hit, eps
+        )  # fmt: skip
     rebound = -eps * hit
-    a2 = _leaving(par, mem, o, r, sp, h, explicit, k, b1, b2, side, rebound - rate, rebound, other_fixed)
+    a2 = _leaving(
+        par, mem, o, r, sp, h, explicit, k, b1, b2, side, rebound - rate, rebound, other_fixed
+    )
     if closes(rebound, a2, eps, h):
         target = contact_rate(par, mem, k, gap, rate, h)
         return StopBounds(_one_sided(both, side, target, side, 0), 0.0, 0.0, 0.0, time, True)
@@ -232,9 +232,9 @@ def stop_bounds(
 def _reduced(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
     explicit: bool, k: int, b1: Bounds, b2: Bounds, side: int, rate: float, hit: float,
-    other_fixed: bool, eps: float,
+    eps: float,
 ) -> float:  # fmt: skip
-    """eps' of an impact at the rate ``hit`` of the gap."""
+    """Eps' of an impact at the rate ``hit`` of the gap."""
     change = -side * (hit - rate)
     jump = (change, 0.0) if k == 0 else (0.0, change)
     rates = (o.twist.v[0] + jump[0], o.twist.w[0] + jump[1])

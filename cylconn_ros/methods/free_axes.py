@@ -78,17 +78,13 @@ def solve_free_axes(
     b1 = prescribed_rate(par, mem, 0, o.length, v1, h, locked and component == 1, free1)
     b2 = prescribed_rate(par, mem, 1, o.angle, w1, h, locked and component == 2, free2)
     side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
-    free = solve_case(
-        par, mem, o, (v1, w1), r, sp, h, explicit, side1, b1, side2, b2, BY_RULE
-    )
+    free = solve_case(par, mem, o, (v1, w1), r, sp, h, explicit, side1, b1, side2, b2, BY_RULE)
     solved, sides, restitution = free, (side1, side2), 0.0
     if has_stops(par, 0) or has_stops(par, 1):
         c1, c2 = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
         b1, b2 = c1.bounds, c2.bounds
         is_free = side1 == 0 and side2 == 0
-        solved, sides = solve_with_limits(
-            par, mem, o, r, sp, h, explicit, b1, b2, free, is_free
-        )
+        solved, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
         restitution = _store_impact(mem, 0, c1, sides[0])
         restitution = max(restitution, _store_impact(mem, 1, c2, sides[1]))
 
