@@ -81,12 +81,12 @@ def solve_free_axes(
     free = solve_case(par, mem, o, (v1, w1), r, sp, h, explicit, side1, b1, side2, b2, BY_RULE)
     solved, sides, restitution = free, (side1, side2), 0.0
     if has_stops(par, 0) or has_stops(par, 1):
-        c1, c2 = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
-        b1, b2 = c1.bounds, c2.bounds
+        slide, spin = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
+        b1, b2 = slide.bounds, spin.bounds
         is_free = side1 == 0 and side2 == 0
         solved, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
-        restitution = _store_impact(mem, 0, c1, sides[0])
-        restitution = max(restitution, _store_impact(mem, 1, c2, sides[1]))
+        restitution = _store_impact(mem, 0, slide, sides[0])
+        restitution = max(restitution, _store_impact(mem, 1, spin, sides[1]))
 
     stop = 0
     if not (is_motion_imposed(par, 0) or (locked and component == 1)):
