@@ -13,8 +13,8 @@ single connector:
 
 P gives the minimum-norm solution (core/least_norm.py) in the metric sum f^2 + (m / arm)^2: if
 connectors constrain a body redundantly, the reactions are the smallest that satisfy the
-constraints. What remains for each connector is its step on the free axes (methods/free_axes.py),
-with the phi of the others on the right-hand side:
+constraints. What remains for each connector is its step on the free axes
+(methods/free_axes/step.py), with the phi of the others on the right-hand side:
 
 1. With fixed friction limits, the radii of the discs, the connectors are solved one after the other
    until the forces no longer change (block Gauss-Seidel on a convex problem).

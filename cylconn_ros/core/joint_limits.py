@@ -10,9 +10,9 @@ can reach:
 
 An impact begins if the stop is reached within one and a half steps (one, if positions follow the
 end velocity: semi-implicit plant) under the acceleration of everything but the stop; that of the
-free case of methods/complementarity.py. A contact closes where the series of bounces ends within a
-step. A component is free where neither holds. Violations are removed at no more than the pull-in
-speed.
+free case of methods/free_axes/complementarity.py. A contact closes where the series of bounces ends
+within a step. A component is free where neither holds. Violations are removed at no more than the
+pull-in speed.
 """
 
 import math

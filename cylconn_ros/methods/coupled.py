@@ -18,9 +18,9 @@ from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
 from cylconn_ros.methods import impulse
-from cylconn_ros.methods.complementarity import ReducedStep
 from cylconn_ros.methods.dispatch import begin, finish
-from cylconn_ros.methods.free_axes import solve_free_axes
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep
+from cylconn_ros.methods.free_axes.step import solve_free_axes
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes
@@ -33,7 +33,7 @@ TARGET: Final = 102  # 4
 MEASURED: Final = 106  # v1, w1 of the sample, 2
 NPREPARED: Final = 108
 
-# --- reduced (NREDUCED,): constraints eliminated, see ReducedStep in methods/complementarity.py ---
+# --- reduced (NREDUCED,): ReducedStep of methods/free_axes/complementarity.py ---
 BASE: Final = 0  # 4
 BY_F1: Final = 4  # 4
 BY_M1: Final = 8  # 4

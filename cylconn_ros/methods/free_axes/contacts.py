@@ -35,7 +35,7 @@ from cylconn_ros.core.joint_limits import (
     lowered_contact,
 )
 from cylconn_ros.core.relative_state import RelativeState
-from cylconn_ros.methods.complementarity import (
+from cylconn_ros.methods.free_axes.complementarity import (
     BY_RULE,
     ReducedStep,
     StepWithSprings,

@@ -2,7 +2,7 @@
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit
 and second order. They are included in S before friction and the reactions of stops, locks and
-imposed motion are solved (methods/complementarity.py).
+imposed motion are solved (methods/free_axes/complementarity.py).
 """
 
 import math
@@ -28,7 +28,7 @@ from cylconn_ros.core.relative_state import RelativeState
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.traction import least_traction
 from cylconn_ros.core.vectors import Vector
-from cylconn_ros.methods.complementarity import (
+from cylconn_ros.methods.free_axes.complementarity import (
     BY_RULE,
     FreeAxesSolution,
     ReducedStep,
@@ -37,7 +37,7 @@ from cylconn_ros.methods.complementarity import (
     solve_case,
     solve_with_limits,
 )
-from cylconn_ros.methods.contacts import StopBounds, with_stops
+from cylconn_ros.methods.free_axes.contacts import StopBounds, with_stops
 
 
 class FreeAxes(NamedTuple):
