@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
 
 
-def bounds_of(block: Block, o: SampleState) -> Bounds:
+def bounds_of(block: Block, o: SampleState, s: Step) -> Bounds:
     """Bounds of a block's steps, with the restitution coefficients that its outputs report."""
-    return bounds(block.parameters, o, block.past, block.out[:, layout.RESTITUTION])
+    return bounds(block.parameters, block.tables, o, s, block.past, block.out)
 
 
 def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size: Array) -> Array:
@@ -52,7 +52,7 @@ def _status_residual(p: Parameters, out: Array, b: Bounds) -> Array:
     locks = np.array([1.0, 2.0])
     wrong = out[:, layout.LOCK] != (b.locked * locks).sum(axis=1)
     coefficient = out[:, layout.RESTITUTION]
-    wrong |= (coefficient > 0.0) & ~b.acting
+    wrong |= (coefficient > 0.0) & (b.impact == 0.0).all(axis=1)
     wrong |= (coefficient < 0.0) | (coefficient > p.restitution)
     return np.where(wrong, np.inf, 0.0)
 
