@@ -104,7 +104,7 @@ def ends_of(q: Problem, tables: Sequence[Table], hold: Array) -> Ends:
         undecided[rows] |= found.ambiguous
     rate = (q.free + rigid.out_of(q.s, phi)) / unit - hold
     size = (q.free_size + rigid.out_of(np.abs(q.s), np.abs(phi))) / unit
-    size = size * (1.0 + 1e-2 * q.condition)[:, None]
+    size = size * (1.0 + 1e-3 * q.condition)[:, None]
     return Ends(rate, size, undecided | ~np.isfinite(rate).all(axis=1))
 
 
@@ -151,7 +151,7 @@ def _of_rows(
     found = _nothing(len(p.h))
     bare, unit = problem_of(p, o, s), unit_of(p)
     loaded = bare.free / unit - s.hold  # without friction and reactions
-    loaded_size = bare.free_size / unit * (1.0 + 1e-2 * bare.condition)[:, None]
+    loaded_size = bare.free_size / unit * (1.0 + 1e-3 * bare.condition)[:, None]
     pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
     for side in (-1.0, 1.0):
         gap, gap_size, there = gap_at(p, o, side)

@@ -43,8 +43,16 @@ def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size
     unreported = (given != 0.0) & ~b.bilateral & (side == 0.0)
     misreported = (b.locked | b.imposed) & (side != 0.0)  # a lock or a motion is no stop
     found = np.where(unreported | misreported | np.isnan(side), np.inf, found)
+    found = np.maximum(found, _rest_residual(out, b))
     found = np.maximum(worst(found), _status_residual(p, out, b))
     return np.where(p.bounded & ~b.ambiguous, found, np.nan)
+
+
+def _rest_residual(out: Array, b: Bounds) -> Array:
+    """(n, 2) share of the load of a component at rest at a bound that friction takes: none."""
+    friction = np.abs(out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]])
+    load = friction + np.abs(out[:, REACTIONS])
+    return np.where(b.rests(out), ratio(friction, load), 0.0)
 
 
 def _status_residual(p: Parameters, out: Array, b: Bounds) -> Array:
