@@ -27,6 +27,7 @@ from cylconn_ros.cli import checks, scenes
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.cli.summary import summarise
+from cylconn_ros.connector.start import starts_beyond_stops
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.methods.traits import TRAITS
@@ -59,6 +60,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"model       {result.connector.model}")
     if result.accuracy is not None:
         print(f"computed    {result.accuracy} (tolerance {scene.tolerance:g})")
+    for warning in starts_beyond_stops(result.connector):
+        print(f"warning     {warning}")
     state = fields(result)
     found = summarise(result.time, state)
     print("\n".join(describe(found)))
