@@ -1,10 +1,13 @@
 """Stops with known answers: bounces under gravity, rest, a return spring, a hard stop at speed."""
 
+import dataclasses
 import math
 
 import numpy as np
+import pytest
 
 import cylconn_ros as cr
+from cylconn_ros.connector.start import starts_beyond_stops
 
 UPRIGHT = (0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5))
 INERTIA = (0.01, 0.0, 0.0, 0.02, 0.0, 0.02)
@@ -107,3 +110,104 @@ def test_a_hard_stop_under_spring_and_friction_is_second_order() -> None:
         errors.append(abs(run["length"][-1] + 0.349355511))  # Modelica, Translational.Friction
     assert errors[2] < 1.2e-4
     assert (errors[0] / errors[-1]) ** 0.25 > 3.5  # 4 per halving
+
+
+def _height(time: float, fall: float, restitution: float, g: float) -> float:
+    """Distance from its stop of a body that falls onto it from rest."""
+    first = math.sqrt(2.0 * fall / g)
+    if time < first:
+        return fall - 0.5 * g * time * time
+    time, rate = time - first, restitution * g * first
+    while rate > 1e-9:
+        hop = 2.0 * rate / g
+        if time < hop:
+            return rate * time - 0.5 * g * time * time
+        time, rate = time - hop, restitution * rate
+    return 0.0
+
+
+def test_bounces_in_a_tilted_slot_and_of_spin_follow_the_exact_motion() -> None:
+    """Between bounces; a sample within the two steps of a bounce lies between its ends."""
+    tilt = math.radians(-15.0)
+    sliding = dataclasses.replace(
+        _dropped(0.013, 0.7), node_a=cr.Node(orientation=(0.0, math.sin(tilt), 0.0, math.cos(tilt)))
+    )
+    spinning = cr.Scene(
+        period=2e-3,
+        gravity=(0.0, 0.0, 0.0),
+        body_a=FIXED,
+        body_b=cr.Body(kind="free", mass=2.0, inertia=INERTIA),
+        node_a=cr.Node(orientation=(0.0, 0.0, 0.0, 1.0)),
+        stops=cr.Stops(theta_max=0.1, restitution=0.6),
+        command=cr.Command(spin=cr.Imposed(force=0.2)),
+    )
+    for scene, field, fall, restitution, g in (
+        (sliding, "displacement", 0.013, 0.7, 0.5 * G),
+        (spinning, "rotation", 0.1, 0.6, 20.0),
+    ):
+        run = cr.simulate(scene, duration=0.2)
+        gap = fall - np.abs(run[field])
+        exact = np.array([_height(t, fall, restitution, g) for t in run.time])
+        bouncing = run["restitution"] > 0.0
+        within = bouncing | np.roll(bouncing, 1)
+        assert 0 < bouncing.sum() < 20
+        assert np.abs(gap - exact)[~within].max() < 1e-12
+        assert gap.min() > -1e-12
+
+
+def test_bounces_of_a_semi_implicit_plant_are_first_order() -> None:
+    errors = []
+    for period in (1e-3, 5e-4):
+        scene = dataclasses.replace(
+            _dropped(0.013, 0.8), period=period, plant_integration="semi_implicit"
+        )
+        run = cr.simulate(scene, duration=0.15)
+        gap = run["displacement"] + 0.013
+        energy = G * gap + 0.5 * run["velocity"][:, 0] ** 2
+        assert energy.max() <= G * 0.013
+        errors.append(abs(gap[-1] - _height(0.15, 0.013, 0.8, G)))
+    assert errors[0] < 1e-4
+    assert 1.9 < errors[0] / errors[1] < 2.1
+
+
+def test_a_rebound_under_constant_friction_is_exact() -> None:
+    """Friction turns round with the slide, within the two steps of the impact."""
+    friction = cr.Friction(coefficient=0.3, radius=0.02, preload=50.0)
+    run = cr.simulate(dataclasses.replace(_dropped(0.0131, 0.9), friction=friction), duration=0.08)
+    slowing = 0.3 * 50.0 / 20.0
+    first = math.sqrt(2.0 * 0.0131 / (G - slowing))
+    rate, t = 0.9 * (G - slowing) * first, 0.08 - first
+    expected = rate * t - 0.5 * (G + slowing) * t * t
+    assert abs(run["displacement"][-1] + 0.0131 - expected) < 1e-13
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_a_lost_sample_does_not_prolong_an_impact(lost: int) -> None:
+    """lost: the sample that does not arrive, counted from the one at which the impact begins."""
+    h, mass, restitution = 1e-3, 20.0, 0.8
+    connector = cr.Connector(dataclasses.replace(_dropped(0.013, restitution), latency=0))
+    x, v, force, since, begun = 0.013, 0.0, 0.0, 0.0, 0
+    for _ in range(75):
+        since += h
+        if begun != lost:
+            pose, twist = [0.0, 0.0, x - 0.013, *UPRIGHT], [0.0, 0.0, v, 0.0, 0.0, 0.0]
+            force, since = connector.step(pose_b=pose, twist_b=twist, h=since)["force"], 0.0
+        begun += 1 if begun or force > 0.0 else 0
+        acceleration = force / mass - G
+        x, v = x + h * v + 0.5 * h * h * acceleration, v + h * acceleration
+    assert begun > 5
+    assert x > 0.0
+    assert G * x + 0.5 * v * v < 1.01 * restitution**2 * G * 0.013
+
+
+def test_a_start_beyond_a_stop_is_pulled_in_and_said() -> None:
+    scene = dataclasses.replace(
+        _dropped(0.013, 0.5), stops=cr.Stops(l_min=0.01, l_max=0.2, restitution=0.5), latency=0
+    )
+    run = cr.simulate(scene, duration=0.2)
+    (warning,) = starts_beyond_stops(run.connector)
+    assert "slide starts at 0 m, beyond stops.l_min (0.01 m)" in warning
+    assert np.abs(run["velocity"][:, 0]).max() <= scene.reference.pull_in_speed * (1.0 + 1e-12)
+    assert abs(run["length"][-1] - 0.01) < 1e-9  # at rest after a last bounce
+    inside = dataclasses.replace(scene, stops=cr.Stops(l_min=0.0))
+    assert starts_beyond_stops(cr.simulate(inside, duration=0.01).connector) == []
