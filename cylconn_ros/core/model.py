@@ -68,9 +68,8 @@ LAST_B: Final = 37
 WORK: Final = 49  # sum of signed work, J
 WORK_EXCHANGED: Final = 50  # sum of |work|, J
 ELASTIC_SLIP: Final = 51  # 2, of the penalty method's stick, m
-PENDING_SIDE: Final = (
-    53  # 2: second step of an impact: -1 at the lower stop, 1 at the upper, 0 none
-)
+# 2: impact at the lower (-1) or upper (1) stop that has another step, doubled: none; 0: no impact
+PENDING_SIDE: Final = 53
 PENDING_RATE: Final = 55  # 2: rate of the gap after the impact
 LOCKED: Final = 58  # whether the lock has closed
 LOCK_POSITION: Final = 59  # position at which it holds

@@ -146,13 +146,14 @@ def bounds(
 def _set_stops(p: Parameters, o: SampleState, past: History, b: Bounds, near: Approach) -> None:
     """Set the bounds by stops of components that nothing else holds."""
     open_ = ~b.bilateral & np.isfinite(p.stops).any(axis=2)
-    second = open_ & (past.pending != 0.0)
+    lost = past.period[:, None] > LOST * p.h[:, None]
+    second = open_ & (past.pending != 0.0) & ((np.abs(past.pending) == 1.0) | lost)
     first = open_ & ~second & (near.rest == 0.0) & (near.side != 0.0)
     rests = open_ & ~second & (near.rest != 0.0)
     b.rest = np.where(rests, near.rest, b.rest)
     b.ambiguous |= (open_ & ~second & near.undecided).any(axis=1)
     side = np.where(
-        second, past.pending, np.where(first, near.side, np.where(rests, near.rest, 0.0))
+        second, np.sign(past.pending), np.where(first, near.side, np.where(rests, near.rest, 0.0))
     )
     contact: dict[float, tuple[Array, Array]] = {}
     for at in (-1.0, 1.0):
@@ -253,7 +254,7 @@ def _second_step(
     b.ambiguous |= (rows & undecided).any(axis=1)
     target = np.where(again & ~lost, first_target(gap, w, end, h, explicit), end.rate)
     b.bilateral = b.bilateral | lost
-    back, wide = -past.pending * end.rate, 4.0 * (size + end.size)
+    back, wide = -np.sign(past.pending) * end.rate, 4.0 * (size + end.size)
     b.low, b.high = np.where(lost, back, b.low), np.where(lost, back, b.high)
     b.low_size, b.high_size = np.where(lost, wide, b.low_size), np.where(lost, wide, b.high_size)
     b.goes_on |= again & ~lost
@@ -334,7 +335,7 @@ def next_bounds_history(
     acts |= b.bilateral & ~b.locked & ~b.imposed
     return dataclasses.replace(
         past,
-        pending=np.where(b.goes_on & acts, b.impact, 0.0),
+        pending=np.where(acts, np.where(b.goes_on, 1.0, 2.0) * b.impact, 0.0),
         # where no stop acts, no impact goes on
         ambiguous=np.asarray(b.ambiguous & acts.any(axis=1)),
         **{name: getattr(b, name) for name in CARRIED},

@@ -32,7 +32,7 @@ class History(Rows):
     angle: Array  # (n,) previous angle; its rate and the period after it follow
     spin: Array
     period: Array
-    pending: Array  # (n, 2) side (-1, 1) of an impact that goes on; 0: none
+    pending: Array  # (n, 2) side (-1, 1) of an impact that goes on, doubled: that ended; 0: none
     rebound: Array  # (n, 2) rate of the gap after that impact
     rebound_size: Array
     acceleration: Array  # (n, 2) of the gap after it

@@ -154,9 +154,10 @@ def _second_step(
     eps = mem[model.PENDING_RESTITUTION + k]
     t = elapsed + h - mem[model.PENDING_TIME + k]
     gap, rate = gap_of(par, k, x, side), -side * w
-    if elapsed > LOST * h:  # the first wrench acted for too long: it is taken back
+    passed = mem[model.PENDING_TIME + k] - elapsed
+    if elapsed > LOST * h:  # the last wrench acted for too long: it is taken back
         back = -side * ideal_end(rebound, a, eps, t, h, explicit)[1]
-        return StopBounds(Bounds(back, back, side, 0), eps, 0.0, 0.0, 0.0, False)
+        return StopBounds(Bounds(back, back, side, 0), eps, rebound, a, passed, False)
     both = _pulled_in(par, mem, k, x, w, h)
     before = t - 2.0 * h + latest(h, explicit)
     again = bounces(rebound, a, eps, before + h) != bounces(rebound, a, eps, before)
@@ -167,7 +168,6 @@ def _second_step(
         target = first_rate(gap, rate, ideal, h, explicit)
     else:
         target = ideal[1]
-    passed = mem[model.PENDING_TIME + k] - elapsed
     return StopBounds(_one_sided(both, side, target, side, 0), eps, rebound, a, passed, again)
 
 
@@ -183,7 +183,8 @@ def stop_bounds(
     x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
     if free_gain(par, mem) < 1.0:
         return StopBounds(lowered_contact(par, mem, k, x, w, h), 0.0, 0.0, 0.0, 0.0, False)
-    if mem[model.PENDING_SIDE + k] != 0.0:
+    pending = abs(mem[model.PENDING_SIDE + k])
+    if pending == 1.0 or (pending > 1.0 and mem[model.LAST_PERIOD] > LOST * h):
         return _second_step(par, mem, k, x, w, h, explicit)
     both = _pulled_in(par, mem, k, x, w, h)
     side, found = 0, reached(math.inf, 0.0, 0.0, h, explicit)

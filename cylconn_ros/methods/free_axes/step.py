@@ -181,13 +181,13 @@ def _with_springs(
 def _store_impact(mem: Array, k: int, c: StopBounds, side: int) -> float:
     """Store the second step of an impact; returns the restitution that acts in this step.
 
-    There is no second step if something other than the stop held the component back.
+    There is none if something other than the stop held the component back. After the last step
+    the side is stored twice as large: if the next sample is lost, its wrench is taken back too.
     """
     if c.bounds.impact == 0:
         mem[model.PENDING_SIDE + k] = 0.0
         return 0.0
-    continues = c.continues and side != 0
-    mem[model.PENDING_SIDE + k] = c.bounds.impact if continues else 0.0
+    mem[model.PENDING_SIDE + k] = (1.0 if c.continues else 2.0) * c.bounds.impact if side else 0.0
     mem[model.PENDING_RATE + k] = c.rebound
     mem[model.PENDING_ACCELERATION + k] = c.acceleration
     mem[model.PENDING_TIME + k] = c.time
