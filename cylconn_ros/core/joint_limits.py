@@ -5,17 +5,18 @@ reaction p satisfies 0 <= p _|_ w+ - t >= 0. The targets t are those that one he
 can reach:
 
     contact          t = -gap/h - w/2            reaches the bound at rest, in two steps
-    impact, 1st      t = w (T - 1/2 - eps (3/2 - T)),   T = -gap/(h w) in [1/2, 3/2)
-    impact, 2nd      t = -eps w of the first     equals the rebound of an instant impact at T h
+    impact           two steps, see core/impacts.py
     lock, motion     w+ = vc - (x - xc)/h - (w - vc)/2, bilateral
 
-An impact begins if the bound would be passed within one and a half steps. If positions follow the
-end velocity (semi-implicit plant), the halves drop out and an impact takes one step. Violations are
-removed at no more than the pull-in speed.
+An impact begins if the stop is reached within one and a half steps (one, if positions follow the
+end velocity: semi-implicit plant) under the acceleration of everything but the stop; that of the
+free case of methods/free_axes/complementarity.py. A contact closes where the series of bounces ends
+within a step. A component is free where neither holds. Violations are removed at no more than the
+pull-in speed.
 """
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
 from cylconn_ros.core.delay import (
@@ -28,17 +29,21 @@ from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 
 Two = tuple[float, float]
+REST_SHARE: Final = 1e-6  # of the change of rate in a step, below which a held component rests
+ROUNDING: Final = 1e-13  # of the pull-in speed
 
 
 class Bounds(NamedTuple):
     """Least and greatest rate at the end of the step; equal: prescribed.
 
-    ``impact``: -1 or 1 if an impact at the lower or upper stop begins.
+    ``impact``: -1 or 1 if an impact at the lower or upper stop begins. ``rest``: the side (1: also
+    of a prescribed rate) at which the component is at rest, so that friction does not slip there.
     """
 
     low: float
     high: float
     impact: int
+    rest: int
 
 
 class ActiveLimits(NamedTuple):
@@ -79,20 +84,6 @@ def _lowered_rate(x: float, w: float, h: float, pull: float, most: float, alpha:
 
 
 @inline_function
-def _impact_rate(gap: float, w: float, h: float, eps: float, explicit: bool) -> float:
-    """The target of an impact's first step."""
-    if explicit:
-        return -eps * w
-    time = max(-gap / (h * w), 0.5)
-    return w * (time - 0.5 - eps * (1.5 - time))
-
-
-@inline_function
-def _starts_impact(gap: float, w: float, h: float, explicit: bool) -> bool:
-    return w < 0.0 and gap + (1.0 if explicit else 1.5) * h * w < 0.0
-
-
-@inline_function
 def _target_rate(
     par: Array, mem: Array, x: float, w: float, at: float, rate: float, h: float, k: int
 ) -> float:
@@ -107,47 +98,72 @@ def _target_rate(
     return rate + back - rate_share(par, mem, explicit) * (w - rate)
 
 
+@inline_function
+def is_at_rest(par: Array, k: int, w: float, target: float, change: float) -> bool:
+    """Whether rate and target of a held component are rounding.
+
+    change: of its rate in a step if nothing held it, without friction.
+    """
+    least = REST_SHARE * abs(change) + ROUNDING * par[model.PULL_IN + k]
+    return abs(w) <= least and abs(target) <= least
+
+
+@inline_function
+def _prescribed(par: Array, k: int, w: float, rate: float, change: float) -> Bounds:
+    return Bounds(rate, rate, 0, 1 if is_at_rest(par, k, w, rate, change) else 0)
+
+
 @device_function
-def bounds(
-    par: Array, mem: Array, k: int, x: float, w: float, h: float, eps: float, locked: bool
+def prescribed_rate(
+    par: Array, mem: Array, k: int, x: float, w: float, h: float, locked: bool, free: float
 ) -> Bounds:
-    """Bounds of component k (0 slide, 1 spin) at position x and rate w, restitution eps."""
+    """Bounds of component k (0 slide, 1 spin) at position x and rate w without its stops.
+
+    free: the rate at the end of the step without friction and reactions.
+    """
     if locked:
         rate = _target_rate(par, mem, x, w, mem[model.LOCK_POSITION], 0.0, h, k)
-        return Bounds(rate, rate, 0)
+        return _prescribed(par, k, w, rate, free - w)
     command = model.COMMAND + 3 * k
     rate = par[command + 1]
     if not math.isnan(par[command]):
         at = mem[model.IMPOSED_POSITION + k]
         rate = _target_rate(par, mem, x, w, at, model.value_or(rate, 0.0), h, k)
-        return Bounds(rate, rate, 0)
-    gain = free_gain(par, mem)
+        return _prescribed(par, k, w, rate, free - w)
     if not math.isnan(rate):
-        rate += (1.0 - gain) * (w - rate)
-        return Bounds(rate, rate, 0)
+        rate += (1.0 - free_gain(par, mem)) * (w - rate)
+        return _prescribed(par, k, w, rate, free - w)
+    return Bounds(-math.inf, math.inf, 0, 0)
 
+
+@inline_function
+def has_stops(par: Array, k: int) -> bool:
+    """Whether component k has a stop."""
+    return par[model.STOPS + 2 * k] > -math.inf or par[model.STOPS + 2 * k + 1] < math.inf
+
+
+@inline_function
+def gap_of(par: Array, k: int, x: float, side: int) -> float:
+    """Distance of component k at x from its lower (-1) or upper (1) stop."""
+    at = model.STOPS + 2 * k
+    return x - par[at] if side < 0 else par[at + 1] - x
+
+
+@inline_function
+def contact_rate(par: Array, mem: Array, k: int, gap: float, w: float, h: float) -> float:
+    """The contact target t of a gap with the rate w."""
     explicit = model.output(par).semi_implicit
     pull = par[model.PULL_IN + k]
-    below, above = x - par[model.STOPS + 2 * k], par[model.STOPS + 2 * k + 1] - x
-    if gain < 1.0:
-        low = _lowered_rate(below, w, h, pull, math.inf, gain)
-        return Bounds(low, max(low, -_lowered_rate(above, -w, h, pull, math.inf, gain)), 0)
-    alpha = feedback_gain(par, mem)
-    low = _contact_rate(below, w, h, pull, explicit, alpha)
-    high = -_contact_rate(above, -w, h, pull, explicit, alpha)
-    impact = 0
-    pending = mem[model.PENDING_SIDE + k]
-    if pending < 0.0:
-        low = mem[model.PENDING_RATE + k]
-    elif pending > 0.0:
-        high = mem[model.PENDING_RATE + k]
-    elif eps > 0.0 and _starts_impact(below, w, h, explicit):
-        low, impact = _impact_rate(below, w, h, eps, explicit), -1
-    elif eps > 0.0 and _starts_impact(above, -w, h, explicit):
-        high, impact = -_impact_rate(above, -w, h, eps, explicit), 1
-    if low > high:  # stops closer than the step resolves: hold the middle
-        low = high = 0.5 * (low + high)
-    return Bounds(low, high, impact)
+    return _contact_rate(gap, w, h, pull, explicit, feedback_gain(par, mem))
+
+
+@inline_function
+def lowered_contact(par: Array, mem: Array, k: int, x: float, w: float, h: float) -> Bounds:
+    """Bounds by the stops with a gain alpha < 1 (core/free_gain.py), without restitution."""
+    pull, gain = par[model.PULL_IN + k], free_gain(par, mem)
+    below, above = gap_of(par, k, x, -1), gap_of(par, k, x, 1)
+    low = _lowered_rate(below, w, h, pull, math.inf, gain)
+    return Bounds(low, max(low, -_lowered_rate(above, -w, h, pull, math.inf, gain)), 0, 0)
 
 
 @inline_function

@@ -68,11 +68,9 @@ LAST_B: Final = 37
 WORK: Final = 49  # sum of signed work, J
 WORK_EXCHANGED: Final = 50  # sum of |work|, J
 ELASTIC_SLIP: Final = 51  # 2, of the penalty method's stick, m
-PENDING_SIDE: Final = (
-    53  # 2: second step of an impact: -1 at the lower stop, 1 at the upper, 0 none
-)
-PENDING_RATE: Final = 55  # 2: rate after the impact
-PENDING_RESTITUTION: Final = 57
+# 2: impact at the lower (-1) or upper (1) stop that has another step, doubled: none; 0: no impact
+PENDING_SIDE: Final = 53
+PENDING_RATE: Final = 55  # 2: rate of the gap after the impact
 LOCKED: Final = 58  # whether the lock has closed
 LOCK_POSITION: Final = 59  # position at which it holds
 LAST_LOCK_POSITION: Final = 60  # last position of the component that the lock holds
@@ -128,7 +126,10 @@ ACCELERATIONS: Final = ENERGY_RISE + 1  # 2 x 6: linear and angular, of the last
 #                             bodies A and B; then the ones in use, 2 x 6
 HELD_WRENCH: Final = ACCELERATIONS + 24  # 12: the last wrench as at LAST_A, at the start of its
 #                             step: turned back if it is held in body axes
-NMEM: Final = HELD_WRENCH + 12
+PENDING_ACCELERATION: Final = HELD_WRENCH + 12  # 2: of the gap after the impact
+PENDING_TIME: Final = PENDING_ACCELERATION + 2  # 2: from the first step's sample to the impact, s
+PENDING_RESTITUTION: Final = PENDING_TIME + 2  # 2
+NMEM: Final = PENDING_RESTITUTION + 2
 
 
 class Output(NamedTuple):

@@ -15,7 +15,7 @@ from cylconn_ros.laws.balance import (
     sum_residual,
     wrench_residual,
 )
-from cylconn_ros.laws.bounds import bounds
+from cylconn_ros.laws.bounds import motion_bounds
 from cylconn_ros.laws.friction import limit
 from cylconn_ros.laws.normalised import Block, ratio, worst
 from cylconn_ros.laws.parameters import Parameters, world
@@ -135,7 +135,7 @@ def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
 def _penalty_bounds(block: Block, o: SampleState) -> Array:
     """Residual (n,) of the stops law: springs and dampers of stops, a lock or an imposed motion."""
     p, out = block.parameters, block.out
-    b = bounds(p, o, block.past, out[:, layout.RESTITUTION])
+    b = motion_bounds(p, o, block.past)
     x, w, x_size, w_size = o.position, o.w[:, FREE], o.position_size, o.w_size[:, FREE]
     stiff, damp = p.gains[:, :2], p.gains[:, 2:4]
     at = np.where(b.locked, b.locked_at[:, None], b.imposed_at)

@@ -36,11 +36,17 @@ class Problem(Rows):
 
 
 def problem_of(
-    p: Parameters, o: SampleState, s: Step, held: Bools | None = None, rates: Array | None = None
+    p: Parameters,
+    o: SampleState,
+    s: Step,
+    held: Bools | None = None,
+    rates: Array | None = None,
+    rests: Bools | None = None,
 ) -> Problem:
     """Eliminate constraint, springs and dampers: a 6 x 6 system with three right-hand sides.
 
-    held: (n, 2) whether slide and spin have a prescribed rate; rates: (n, 2) these rates.
+    held: (n, 2) whether slide and spin have a prescribed rate; rates: (n, 2) these rates; rests:
+    (n, 2) whether a held one is at rest, so that friction does not slip there.
     """
     n, h = len(p.h), p.h[:, None]
     g = compliance(p, s)
@@ -90,11 +96,12 @@ def problem_of(
     base_size = _reaction_terms(p, s, g)
     through = np.abs(g[:, FREE][:, :, CONSTRAINED])
     free_size[:, FREE] += h * np.einsum("nij,nj->ni", through, base_size)
-    sizes = [unit * size[:, FREE] for size in (o.w_size, free_size)]
+    still = held & (none > 0.0 if rests is None else rests)
+    sizes = [np.where(still, 0.0, unit * size[:, FREE]) for size in (o.w_size, free_size)]
     return Problem(
         p,
-        before,
-        slips[:, :, 0],
+        np.where(still, 0.0, before),
+        np.where(still, 0.0, slips[:, :, 0]),
         inner,
         reactions[:, :, 0],
         reactions[:, :, 1:],

@@ -50,7 +50,7 @@ def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict
 def impulse(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     """Laws of impulse: the wrench acts in q~, the laws hold at the end of the step."""
     p, out = block.parameters, block.out
-    b = bounds_of(block, o)
+    b = bounds_of(block, o, s)
     wrench = out[:, layout.FORCE : layout.FORCE + 6]
     added, _ = rates_from_wrench(p, s, wrench, np.abs(wrench))
     end = s.free + added
@@ -60,7 +60,7 @@ def impulse(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     components = component_residual(p, o, s, out, end, end_size)
     return {
         "constraint": constraint(s, end, end_size),
-        **friction_laws(block, o, s, end, end_size, reactions),
+        **friction_laws(block, o, s, end, end_size, reactions, b.rests(out)),
         "stops": stops(block, o, s, b, end, end_size),
         "balance": np.maximum(wrench_residual(p, o, s, out, weakened=True), components),
     }

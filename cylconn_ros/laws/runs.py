@@ -18,10 +18,19 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.laws import elastic, residuals
-from cylconn_ros.laws.bounds import bounds, next_bounds_history
+from cylconn_ros.laws.approach import approach
+from cylconn_ros.laws.bounds import (
+    CARRIED,
+    bounds,
+    held_of,
+    motion_bounds,
+    next_bounds_history,
+)
 from cylconn_ros.laws.guarantees import title
 from cylconn_ros.laws.normalised import TOLERANCE, Block
 from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
+from cylconn_ros.laws.parameters import Table as FrictionTable
+from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.sample_state import (
     History,
     com_motion,
@@ -80,8 +89,9 @@ class RunSamples:
         one = parameters_of([self.scene])
         p = with_period(one.take(np.zeros(high - low, dtype=np.intp)), self.h[low:high])
         sample, out = self.sample[low:high], self.out[low:high]
-        past = _history(p, one, sample, out, self.since[low:high])
-        return Block(p, tables_of([self.scene]), sample, out, past)
+        tables = tables_of([self.scene])
+        past = _history(p, one, tables, sample, out, self.since[low:high])
+        return Block(p, tables, sample, out, past)
 
 
 NO_LOADS = (0.0,) * 12
@@ -164,7 +174,14 @@ def check_recording(
     return recorded, summary
 
 
-def _history(p: Parameters, one: Parameters, sample: Array, out: Array, since: Array) -> History:
+def _history(
+    p: Parameters,
+    one: Parameters,
+    tables: Sequence[FrictionTable],
+    sample: Array,
+    out: Array,
+    since: Array,
+) -> History:
     """The history before each sample of one connector, from its reference configuration on."""
     n = len(sample)
     first = next_history(one, state_of(one, sample[:1], no_history(1)), no_history(1), out[:1])
@@ -186,7 +203,7 @@ def _history(p: Parameters, one: Parameters, sample: Array, out: Array, since: A
             past.held[k] = o.position[k - 1]
     if not np.isnan(one.gains[0, 4]):
         _set_elastic_slip(p, sample, out, past)
-    return _with_bounds(p, sample, out, past) if one.bounded[0] else past
+    return _with_bounds(p, tables, sample, out, past) if one.bounded[0] else past
 
 
 def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -> None:
@@ -203,31 +220,35 @@ def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -
         past.elastic_size[k] = spring[k - 1] if slips[k - 1] else size
 
 
-def _with_bounds(p: Parameters, sample: Array, out: Array, past: History) -> History:
+def _with_bounds(
+    p: Parameters, tables: Sequence[FrictionTable], sample: Array, out: Array, past: History
+) -> History:
     """``past`` with the history of stops, locks and imposed motion, sample by sample."""
     o = state_of(p, sample, past)
-    reported = out[:, layout.RESTITUTION]
+    s = prepare_step(p, o, sample)
+    names = ("locked", "locked_at", "lock_last", "imposed_at")
     last = past.take(np.zeros(1, dtype=np.intp))
-    names = (
-        "pending",
-        "leaving_rate",
-        "leaving_size",
-        "pending_restitution",
-        "ambiguous",
-        "locked",
-        "locked_at",
-        "lock_last",
-        "imposed_at",
-    )
     for k in range(len(sample)):
         row = np.array([k])
-        here = dataclasses.replace(past.take(row), **{name: getattr(last, name) for name in names})
-        for name in names:
-            getattr(past, name)[k] = getattr(last, name)[0]
-        of, state = p.take(row), o.take(row)
-        step_bounds = bounds(of, state, here, reported[row])
-        last = next_bounds_history(of, state, here, step_bounds, out[row])
+        _carry(past, last, k, names)
+        of, state, here = p.take(row), o.take(row), past.take(row)
+        last = next_bounds_history(of, state, here, motion_bounds(of, state, here), out[row])
+    # what slide and spin do at stops does not depend on the impacts before: all at once
+    near = approach(p, tables, o, s, held_of(p, o, s, motion_bounds(p, o, past)), out)
+    last = past.take(np.zeros(1, dtype=np.intp))
+    for k in range(len(sample)):
+        row = np.array([k])
+        _carry(past, last, k, ("pending", "ambiguous", *CARRIED))
+        of, state, here = p.take(row), o.take(row), past.take(row)
+        b = bounds(of, tables, state, s.take(row), here, out[row], near.take(row))
+        last = next_bounds_history(of, state, here, b, out[row])
     return past
+
+
+def _carry(past: History, last: History, k: int, names: Sequence[str]) -> None:
+    """Set row k of ``past`` to the row that the sample before leads to, in place."""
+    for name in names:
+        getattr(past, name)[k] = getattr(last, name)[0]
 
 
 def samples_of(run: Run) -> RunSamples:

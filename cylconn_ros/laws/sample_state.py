@@ -32,11 +32,13 @@ class History(Rows):
     angle: Array  # (n,) previous angle; its rate and the period after it follow
     spin: Array
     period: Array
-    pending: Array  # (n, 2) side (-1, 1) of an impact whose second step is due; 0: none
-    leaving_rate: Array  # (n, 2) rate after that impact
-    leaving_size: Array
-    pending_restitution: Array  # (n,) coefficient of that impact
-    ambiguous: Bools  # rounding decides whether an impact is pending
+    pending: Array  # (n, 2) side (-1, 1) of an impact that goes on, doubled: that ended; 0: none
+    rebound: Array  # (n, 2) rate of the gap after that impact
+    rebound_size: Array
+    acceleration: Array  # (n, 2) of the gap after it
+    time: Array  # (n, 2) of the impact, from the previous sample
+    restitution: Array  # (n, 2)
+    ambiguous: Bools  # rounding decides whether an impact goes on
     locked: Bools
     locked_at: Array
     lock_last: Array  # (n,) previous position of the component that can lock
@@ -60,9 +62,11 @@ def no_history(n: int) -> History:
         spin=np.zeros(n),
         period=np.zeros(n),
         pending=np.zeros((n, 2)),
-        leaving_rate=np.zeros((n, 2)),
-        leaving_size=np.zeros((n, 2)),
-        pending_restitution=np.zeros(n),
+        rebound=np.zeros((n, 2)),
+        rebound_size=np.zeros((n, 2)),
+        acceleration=np.zeros((n, 2)),
+        time=np.zeros((n, 2)),
+        restitution=np.zeros((n, 2)),
         ambiguous=np.zeros(n, dtype=np.bool_),
         locked=np.zeros(n, dtype=np.bool_),
         locked_at=np.zeros(n),

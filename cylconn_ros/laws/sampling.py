@@ -21,6 +21,7 @@ from cylconn_ros.laws.balance import applied_wrench
 from cylconn_ros.laws.bounds import next_bounds_history
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import parameters_of, tables_of
+from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.random import Random, generator
 from cylconn_ros.laws.sample_state import History, next_history, no_history, state_of
 from cylconn_ros.laws.step import frozen
@@ -103,7 +104,7 @@ def _next(rng: Random, block: Block, names: NDArray[np.str_]) -> tuple[Array, Hi
     """The samples after the outputs of a block, and their history."""
     p, sample, out = block.parameters, block.sample, block.out
     o = state_of(p, sample, block.past)
-    b = bounds_of(block, o)
+    b = bounds_of(block, o, prepare_step(p, o, sample))
     d, d_size = elastic.next_elastic_slip(p, o, block.past, out)
     past = next_bounds_history(p, o, next_history(p, o, block.past, out), b, out)
     past = dataclasses.replace(past, elastic=d, elastic_size=d_size)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
+from cylconn_ros.laws.approach import begun_at
 from cylconn_ros.laws.bounds import Bounds, stop_sides
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import Bools, Parameters, Table
@@ -85,13 +86,14 @@ def check(block: Block) -> SelectionCheck:
     """Compare friction and restitution of a block's outputs with those that the rules select."""
     p, out, tables = block.parameters, block.out, block.tables
     o = state_of(p, block.sample, block.past)
-    b = bounds_of(block, o)
-    held: Bools = np.asarray(b.held(out))
     s = prepare_step(p, o, block.sample)
+    b = bounds_of(block, o, s)
+    held, rests = np.asarray(b.held(out)), b.rests(out)
     upper = (stop_sides(out) > 0.0) & ~b.bilateral
-    q = problem_of(p, o, s, held, np.where(upper, b.high, b.low))
+    q = problem_of(p, o, s, held, np.where(upper, b.high, b.low), rests)
     unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
-    q.free_size += np.where(held, unit * np.where(upper, b.high_size, b.low_size), 0.0)
+    moved = held & ~rests
+    q.free_size += np.where(moved, unit * np.where(upper, b.high_size, b.low_size), 0.0)
     values = np.linalg.eigvalsh(q.s)
     rows = p.on & (q.condition < WORST_CONDITION) & ~b.ambiguous
     even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
@@ -166,7 +168,8 @@ def _is_consistent_with(
     rates = np.where(side > 0.0, b.high, b.low)
     held = np.asarray(b.bilateral | (side != 0.0))
     can = np.asarray(np.isfinite(np.where(held, rates, 0.0)).all(axis=1))
-    q = problem_of(p, o, s, held, np.where(can[:, None], rates, 0.0))
+    rests = np.asarray(held & (b.rest != 0.0))
+    q = problem_of(p, o, s, held, np.where(can[:, None], rates, 0.0), rests)
     phi = solve(q, tables)
     reaction = q.push + rigid.out_of(q.push_by, phi) - unit * phi
     end = (q.free + rigid.out_of(q.s, phi)) / unit - s.hold
@@ -179,7 +182,8 @@ def _is_consistent_with(
 def _check_restitution(block: Block, o: SampleState, s: Step, b: Bounds) -> tuple[Bools, Bools]:
     """(n,) checked impacts, and those whose coefficient is not the largest allowed."""
     p, given = block.parameters, block.out[:, layout.RESTITUTION]
-    checked = np.asarray((b.impact != 0.0).any(axis=1) & ~b.ambiguous & ~b.bilateral.any(axis=1))
+    one = b.begins.any(axis=1) & ((b.impact != 0.0).sum(axis=1) == 1)
+    checked = np.asarray(one & ~b.ambiguous & ~b.bilateral.any(axis=1))
     index = np.flatnonzero(checked)
     wrong = np.zeros_like(checked)
     if not len(index):
@@ -189,7 +193,12 @@ def _check_restitution(block: Block, o: SampleState, s: Step, b: Bounds) -> tupl
     rows = np.concatenate([np.arange(len(eps)), less])  # the coefficient, and a slightly larger one
     more = np.concatenate([eps, eps[less] * (1.0 + SLIGHT)])
     at = index[rows]
-    gain, certain = _gain(block.tables, p.take(at), o.take(at), s.take(at), b.impact[at], more)
+    # the impact is that of a step which begins with the rates at the time of the impact
+    jump = np.where(b.begins, -b.impact * b.hit - o.w[:, FREE], 0.0)
+    there, step = begun_at(p, o, s, jump)
+    gain, certain = _gain(
+        block.tables, p.take(at), there.take(at), step.take(at), b.impact[at], more
+    )
     bad = gain[: len(eps)] > SLIGHT
     bad[less] |= gain[len(eps) :] < -SLIGHT
     certain[less] &= certain[len(eps) :]

@@ -66,14 +66,22 @@ class _SlipResiduals(Rows):
 
 
 def friction_laws(
-    block: Block, o: SampleState, s: Step, end: Array, end_size: Array, reactions: Array
+    block: Block,
+    o: SampleState,
+    s: Step,
+    end: Array,
+    end_size: Array,
+    reactions: Array,
+    rests: Bools,
 ) -> dict[str, Array]:
     """Residuals (n,) of the five laws of friction.
 
-    end: (n, 6) J~ v+, and its size; reactions: (n, 4) sizes of f2, f3, m2, m3.
+    end: (n, 6) J~ v+, and its size; reactions: (n, 4) sizes of f2, f3, m2, m3; rests: (n, 2)
+    whether a bound holds a component at rest, so that it does not slip.
     """
     p, out = block.parameters, block.out
     slip = slip_velocities(p, o, s, end, end_size)
+    slip.before, slip.end = np.where(rests, 0.0, slip.before), np.where(rests, 0.0, slip.end)
     sticks, slips = out[:, layout.REGIME] == layout.STICK, out[:, layout.REGIME] == layout.SLIP
     f = reported_friction(block, reactions)
     half, full = (_slipping(block, f, *slip.mean(theta)) for theta in (0.5, 1.0))

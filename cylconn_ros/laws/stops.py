@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
 
 
-def bounds_of(block: Block, o: SampleState) -> Bounds:
+def bounds_of(block: Block, o: SampleState, s: Step) -> Bounds:
     """Bounds of a block's steps, with the restitution coefficients that its outputs report."""
-    return bounds(block.parameters, o, block.past, block.out[:, layout.RESTITUTION])
+    return bounds(block.parameters, block.tables, o, s, block.past, block.out)
 
 
 def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size: Array) -> Array:
@@ -43,8 +43,16 @@ def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size
     unreported = (given != 0.0) & ~b.bilateral & (side == 0.0)
     misreported = (b.locked | b.imposed) & (side != 0.0)  # a lock or a motion is no stop
     found = np.where(unreported | misreported | np.isnan(side), np.inf, found)
+    found = np.maximum(found, _rest_residual(out, b))
     found = np.maximum(worst(found), _status_residual(p, out, b))
     return np.where(p.bounded & ~b.ambiguous, found, np.nan)
+
+
+def _rest_residual(out: Array, b: Bounds) -> Array:
+    """(n, 2) share of the load of a component at rest at a bound that friction takes: none."""
+    friction = np.abs(out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]])
+    load = friction + np.abs(out[:, REACTIONS])
+    return np.where(b.rests(out), ratio(friction, load), 0.0)
 
 
 def _status_residual(p: Parameters, out: Array, b: Bounds) -> Array:
@@ -52,7 +60,7 @@ def _status_residual(p: Parameters, out: Array, b: Bounds) -> Array:
     locks = np.array([1.0, 2.0])
     wrong = out[:, layout.LOCK] != (b.locked * locks).sum(axis=1)
     coefficient = out[:, layout.RESTITUTION]
-    wrong |= (coefficient > 0.0) & ~b.acting
+    wrong |= (coefficient > 0.0) & (b.impact == 0.0).all(axis=1)
     wrong |= (coefficient < 0.0) | (coefficient > p.restitution)
     return np.where(wrong, np.inf, 0.0)
 

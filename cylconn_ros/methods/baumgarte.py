@@ -44,7 +44,7 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.impulse import constraint_residual, correction_rate, eliminate_constraint
 
 FEEDBACK = 0.2  # default of alpha h and beta h

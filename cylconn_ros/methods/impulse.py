@@ -24,7 +24,7 @@ The bracket (jacobian_change) converts J~v+ to the end of the step; it applies t
 well, so that s+ is the slip at the end. -e/h is limited to the pull-in speed.
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit,
-second order, and included in S before friction is solved (methods/free_axes.py).
+second order, and included in S before friction is solved (methods/free_axes/step.py).
 """
 
 import math
@@ -60,8 +60,8 @@ from cylconn_ros.core.vectors import (
     sub,
     turned,
 )
-from cylconn_ros.methods.complementarity import ReducedStep, reactions
-from cylconn_ros.methods.free_axes import FreeAxes, solve_free_axes, write_state
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.free_axes.step import FreeAxes, solve_free_axes, write_state
 from cylconn_ros.methods.free_step import FreeStep, free_step
 from cylconn_ros.methods.never_gains import Halves, kept_share, turns_far
 from cylconn_ros.methods.predicted_end import (

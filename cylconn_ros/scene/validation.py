@@ -222,16 +222,6 @@ def _check_stops(scene: SceneFields) -> None:
                 f"stops.{name}_max = {show(high)}: must be > stops.{name}_min ({show(low)} {unit})"
             )
 
-    for name, at, (end, low, high, unit) in zip(
-        ("length", "angle"), (scene.reference.length, scene.reference.angle), bounds, strict=True
-    ):
-        if at < low or at > high:  # False if any is not set
-            ends = [" none" if math.isnan(x) else f" {show(x)}" for x in (low, high)]
-            raise SceneError(
-                f"reference.{name} = {show(at)}: must be within stops.{end}_min and "
-                f"stops.{end}_max ({ends[0].strip()} to{ends[1]} {unit})"
-            )
-
 
 def _check_command(scene: SceneFields) -> None:
     for name, imposed in (("slide", scene.command.slide), ("spin", scene.command.spin)):

@@ -159,7 +159,7 @@ kinematics.aligned = lambda swing: True
     ),
     "restitution that gains energy": (
         """
-free_axes.restitution_without_gain = lambda *given: given[-1]
+contacts.restitution_without_gain = lambda *given: given[-1]
 """,
         "roots",
     ),
@@ -168,10 +168,12 @@ DRIVER = """
 import contextlib, io, json, math, sys
 from cylconn_ros.core import friction_disc, joint_limits, kinematics, layout, slip_curve
 from cylconn_ros.laws import sampling
-from cylconn_ros.methods import complementarity, free_axes
+from cylconn_ros.methods.free_axes import complementarity, contacts
+from cylconn_ros.methods.free_axes import step as free_axes
 from cylconn_ros.cli.main import main
 sampling.BLOCK, sampling.CHAINS = 40, 1  # so that a scene's last step is the connector's last
-modules = [joint_limits, slip_curve, friction_disc, kinematics, free_axes, complementarity]
+modules = [joint_limits, slip_curve, friction_disc, kinematics, free_axes, complementarity,
+    contacts]
 original = [dict(vars(module)) for module in modules]
 solve, results = complementarity.solve_disc, {}
 for name, (change, roots) in json.loads(sys.argv[1]).items():

@@ -162,14 +162,6 @@ def test_table_is_a_group_that_may_be_absent():
         ({"stops": {"l_min": 1, "l_max": 0}}, "stops.l_max = 0.0: must be > stops.l_min (1.0 m)"),
         ({"stops__restitution": 1.5}, "stops.restitution = 1.5: must be a number >= 0 and <= 1"),
         (
-            {"stops__l_max": 0.5, "reference__length": 1.0},
-            "reference.length = 1.0: must be within stops.l_min and stops.l_max (none to 0.5 m)",
-        ),
-        (
-            {"stops__theta_min": 0.5, "reference__angle": 0.0},
-            "reference.angle = 0.0: must be within stops.theta_min and stops.theta_max (0.5 to",
-        ),
-        (
             {"command__slide__force": 1.0, "command__slide__velocity": 2.0},
             "command.slide.force = 1.0: must not be given with a motion",
         ),

@@ -31,7 +31,7 @@ from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.dispatch import begin
-from cylconn_ros.methods.free_axes import with_springs
+from cylconn_ros.methods.free_axes.step import with_springs
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes

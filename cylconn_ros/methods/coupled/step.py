@@ -15,7 +15,7 @@ P gives the minimum-norm solution (core/least_norm.py) in the metric sum f^2 + (
 connectors constrain a body redundantly, the reactions are the smallest that satisfy the
 constraints. What remains are slide and spin of all (core/group_friction.py). With their solution,
 each connector completes its step as if it were alone, the forces of the others being known
-(methods/free_axes.py): it solves its friction and limits once more, and stores its history.
+(methods/free_axes/step.py): it solves its friction and limits once more, and stores its history.
 """
 
 import math
@@ -34,7 +34,7 @@ from cylconn_ros.core.jit import device_function, inline_function, kernel
 from cylconn_ros.core.kinematics import Twist
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.methods import impulse
-from cylconn_ros.methods.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.coupled.constraints import (
     BACK,
     HIGH,
@@ -54,7 +54,7 @@ from cylconn_ros.methods.coupled.constraints import (
     write_moved,
 )
 from cylconn_ros.methods.dispatch import begin, finish
-from cylconn_ros.methods.free_axes import solve_free_axes
+from cylconn_ros.methods.free_axes.step import solve_free_axes
 
 # --- report of a step ---
 RESIDUAL: Final = 0  # of friction and limits of all

@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.description import unknown_frame_text
+from cylconn_ros.connector.start import starts_beyond_stops
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.relative_state import MAX_INPUT
 from cylconn_ros.messages.health import Health
@@ -181,6 +182,10 @@ def solution_problems(
             f"{health.worst_offset:.3g} m, {health.worst_angle:.3g} rad)"
         )
         yield Problem(WARN, "drift", text)
+    for text in starts_beyond_stops(connector):
+        stop = text.partition("stops.")[2].partition(" ")[0]
+        if is_new(f"start {stop}", 1):
+            yield Problem(WARN, f"start {stop}", text)
     if flags & layout.GAINS_LOWERED and scene.constraint == "connector":
         text = "penalty gains lowered: those in the parameters are unstable at this period"
         yield Problem(WARN, "gains", text)

@@ -2,7 +2,7 @@
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit
 and second order. They are included in S before friction and the reactions of stops, locks and
-imposed motion are solved (methods/complementarity.py).
+imposed motion are solved (methods/free_axes/complementarity.py).
 """
 
 import math
@@ -14,12 +14,12 @@ from cylconn_ros.core.free_gain import lag_of, stable_damping, stable_stiffness
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.joint_limits import (
-    Bounds,
     Two,
     advance_imposed_motion,
-    bounds,
+    has_stops,
     imposed_force,
     is_motion_imposed,
+    prescribed_rate,
     start_imposed_motion,
     update_lock,
 )
@@ -28,14 +28,16 @@ from cylconn_ros.core.relative_state import RelativeState
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.traction import least_traction
 from cylconn_ros.core.vectors import Vector
-from cylconn_ros.methods.complementarity import (
+from cylconn_ros.methods.free_axes.complementarity import (
+    BY_RULE,
     FreeAxesSolution,
     ReducedStep,
     StepWithSprings,
     reactions,
-    restitution_without_gain,
+    solve_case,
     solve_with_limits,
 )
+from cylconn_ros.methods.free_axes.contacts import StopBounds, with_stops
 
 
 class FreeAxes(NamedTuple):
@@ -72,20 +74,25 @@ def solve_free_axes(
     start_imposed_motion(par, mem, 1, o.angle)
 
     eps = reliable_restitution(par, mem)
-    b1 = bounds(par, mem, 0, o.length, v1, h, eps, locked and component == 1)
-    b2 = bounds(par, mem, 1, o.angle, w1, h, eps, locked and component == 2)
-    if b1.impact != 0 or b2.impact != 0:
-        eps = restitution_without_gain(par, mem, o, r, sp, h, explicit, b1, b2, eps)
-        b1 = bounds(par, mem, 0, o.length, v1, h, eps, locked and component == 1)
-        b2 = bounds(par, mem, 1, o.angle, w1, h, eps, locked and component == 2)
-    solved, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2)
+    free1, free2 = sp.free
+    b1 = prescribed_rate(par, mem, 0, o.length, v1, h, locked and component == 1, free1)
+    b2 = prescribed_rate(par, mem, 1, o.angle, w1, h, locked and component == 2, free2)
+    side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
+    free = solve_case(par, mem, o, (v1, w1), r, sp, h, explicit, side1, b1, side2, b2, BY_RULE)
+    solved, sides, restitution = free, (side1, side2), 0.0
+    if has_stops(par, 0) or has_stops(par, 1):
+        slide, spin = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
+        b1, b2 = slide.bounds, spin.bounds
+        is_free = side1 == 0 and side2 == 0
+        solved, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
+        restitution = _store_impact(mem, 0, slide, sides[0])
+        restitution = max(restitution, _store_impact(mem, 1, spin, sides[1]))
 
     stop = 0
     if not (is_motion_imposed(par, 0) or (locked and component == 1)):
         stop |= _stop_bits(sides[0])
     if not (is_motion_imposed(par, 1) or (locked and component == 2)):
         stop |= _stop_bits(sides[1]) << 2
-    restitution = _store_impacts(mem, o, b1, b2, eps, explicit, sides)
     _store_friction(par, mem, o, solved, h)
     advance_imposed_motion(par, mem, h)
     k1, kr, c1, cr = _coefficients(par, mem, r, h)
@@ -171,28 +178,21 @@ def with_springs(
 
 
 @inline_function
-def _store_impacts(
-    mem: Array, o: RelativeState, b1: Bounds, b2: Bounds, eps: float, explicit: bool,
-    sides: tuple[int, int],
-) -> float:  # fmt: skip
+def _store_impact(mem: Array, k: int, c: StopBounds, side: int) -> float:
     """Store the second step of an impact; returns the restitution that acts in this step.
 
-    There is no second step if something other than the stop held the component back, nor on a
-    semi-implicit plant (``explicit``), on which an impact takes one step.
+    There is none if something other than the stop held the component back. After the last step
+    the side is stored twice as large: if the next sample is lost, its wrench is taken back too.
     """
-    acting = 0.0
-    rates = (o.twist.v[0], o.twist.w[0])
-    for k in range(2):
-        impact = b1.impact if k == 0 else b2.impact
-        if mem[model.PENDING_SIDE + k] != 0.0:
-            acting = mem[model.PENDING_RESTITUTION]
-            mem[model.PENDING_SIDE + k] = 0.0
-        elif impact != 0:
-            acting = eps
-            mem[model.PENDING_SIDE + k] = 0.0 if explicit or sides[k] == 0 else impact
-            mem[model.PENDING_RATE + k] = -eps * rates[k]
-            mem[model.PENDING_RESTITUTION] = eps
-    return acting
+    if c.bounds.impact == 0:
+        mem[model.PENDING_SIDE + k] = 0.0
+        return 0.0
+    mem[model.PENDING_SIDE + k] = (1.0 if c.continues else 2.0) * c.bounds.impact if side else 0.0
+    mem[model.PENDING_RATE + k] = c.rebound
+    mem[model.PENDING_ACCELERATION + k] = c.acceleration
+    mem[model.PENDING_TIME + k] = c.time
+    mem[model.PENDING_RESTITUTION + k] = c.restitution
+    return c.restitution
 
 
 @inline_function

@@ -98,29 +98,33 @@ def solve_with_limits(
     explicit: bool,
     b1: Bounds,
     b2: Bounds,
+    free: FreeAxesSolution,
+    is_free: bool,
 ) -> tuple[FreeAxesSolution, tuple[int, int]]:
     """The solution within the bounds: 0 <= p _|_ w+ - t >= 0 on each, by case enumeration.
 
     Each of the two components is free, at its lower or at its upper bound; usually the first case,
     both free, is the solution. If friction has several solutions, none of the cases may be valid
     with the one of the selection rule: then the solutions nearest to stick are tried, and then
-    those of least traction. Returns the solution and the side of each component.
+    those of least traction. ``free``: the solution without stops; ``is_free``: it is the case in
+    which both are free. Returns the solution and the side of each component.
     """
     fixed1, fixed2 = b1.low == b1.high, b2.low == b2.high
-    best, best_sides, least = (
-        _solve_case(par, mem, o, r, sp, h, explicit, 0, b1, 0, b2, BY_RULE),
-        (0, 0),
-        math.inf,
-    )
-    for choice in range(27):
-        side1, side2, which = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3], choice // 9
+    rates = (o.twist.v[0], o.twist.w[0])
+    best, best_sides, least = free, (0, 0), math.inf
+    # a component that rests at a stop is tried there first: friction could hold it as well
+    for choice in range(0 if b1.rest != 0 or b2.rest != 0 else 9, 36):
+        side1, side2 = (0, -1, 1)[choice % 3], (0, -1, 1)[choice // 3 % 3]
+        which = max(choice // 9 - 1, 0)
+        if choice < 9 and not (_rests(b1, fixed1, side1) and _rests(b2, fixed2, side2)):
+            continue
         offered1, side1 = _is_candidate(b1, side1)
         offered2, side2 = _is_candidate(b2, side2)
         if not (offered1 and offered2):
             continue
-        found = best
-        if side1 != 0 or side2 != 0 or which != BY_RULE:
-            found = _solve_case(par, mem, o, r, sp, h, explicit, side1, b1, side2, b2, which)
+        found = free
+        if not is_free or side1 != 0 or side2 != 0 or which != BY_RULE:
+            found = solve_case(par, mem, o, rates, r, sp, h, explicit, side1, b1, side2, b2, which)
         p, q = found.reaction
         wrong = max(
             _limit_violation(b1, fixed1, side1, found.end[0], p * sp.s[0], sp.free[0]),
@@ -131,6 +135,12 @@ def solve_with_limits(
         if wrong <= 0.0:
             break
     return best, best_sides
+
+
+@inline_function
+def _rests(b: Bounds, fixed: bool, side: int) -> bool:
+    """Whether a case keeps a component at rest where it rests; any case if it does not."""
+    return b.rest == 0 or fixed or side == b.rest
 
 
 @inline_function
@@ -159,10 +169,11 @@ def _limit_violation(
 
 
 @device_function
-def _solve_case(
+def solve_case(
     par: Array,
     mem: Array,
     o: RelativeState,
+    rates: Two,
     r: ReducedStep,
     sp: StepWithSprings,
     h: float,
@@ -173,13 +184,18 @@ def _solve_case(
     b2: Bounds,
     which: int,
 ) -> FreeAxesSolution:
-    """Friction and reactions with the components at their lower (-1) or upper (1) bound."""
+    """Friction and reactions with the components at their lower (-1) or upper (1) bound.
+
+    rates: of slide and spin at the beginning of the step. A component that rests at its bound does
+    not slip, not even by rounding: the bound holds it, and friction takes no share of its load.
+    """
     t1 = b1.low if side1 < 0 else b1.high
     t2 = b2.low if side2 < 0 else b2.high
     active = eliminate_limits(sp.free, sp.s, (side1, side2), (t1, t2))
     friction, regime, flags, s_mean, residual = _friction(
-        par, mem, o, r, sp, active, h, explicit, which
-    )
+        par, mem, o, rates, r, sp, active, h, explicit, which,
+        (side1 != 0 and b1.rest != 0, side2 != 0 and b2.rest != 0),
+    )  # fmt: skip
     f, g = friction
     end = (
         active.free[0] + active.s[0] * f + active.s[1] * g,
@@ -190,42 +206,6 @@ def _solve_case(
         active.q0[1] + active.q1[1] * f + (active.q2[1] - 1.0) * g,
     )
     return FreeAxesSolution(end, friction, reaction_, regime, flags, s_mean, residual)
-
-
-@device_function
-def restitution_without_gain(
-    par: Array,
-    mem: Array,
-    o: RelativeState,
-    r: ReducedStep,
-    sp: StepWithSprings,
-    h: float,
-    explicit: bool,
-    b1: Bounds,
-    b2: Bounds,
-    eps: float,
-) -> float:
-    """The largest restitution <= eps for which the impact does not increase the kinetic energy.
-
-    Friction and coupled inertias could otherwise add energy: the work of the impulses on slide and
-    spin, (phi + p).(w- + w+)/2 with w+ = -eps w- of the component that impacts, must be <= 0.
-    """
-    v1, w1 = o.twist.v[0], o.twist.w[0]
-    low, high = 0.0, eps
-    for attempt in range(40):
-        now = high if attempt == 0 else 0.5 * (low + high)
-        c1 = Bounds(-now * v1, -now * v1, 0) if b1.impact != 0 else b1
-        c2 = Bounds(-now * w1, -now * w1, 0) if b2.impact != 0 else b2
-        s = _solve_case(par, mem, o, r, sp, h, explicit, b1.impact, c1, b2.impact, c2, BY_RULE)
-        work = (s.friction[0] + s.reaction[0]) * (v1 + s.end[0])
-        work += (s.friction[1] + s.reaction[1]) * (w1 + s.end[1])
-        if work <= 0.0:
-            low = now
-            if attempt == 0:
-                break
-        else:
-            high = now
-    return low
 
 
 @inline_function
@@ -264,12 +244,14 @@ def _friction(
     par: Array,
     mem: Array,
     o: RelativeState,
+    rates: Two,
     r: ReducedStep,
     sp: StepWithSprings,
     active: ActiveLimits,
     h: float,
     explicit: bool,
     which: int,
+    rests: tuple[bool, bool],
 ) -> tuple[Two, int, int, Two, float]:
     """(f1f, m1f), regime, flags, s~ and the residual of the law."""
     law = model.law(par)
@@ -277,7 +259,7 @@ def _friction(
         return (0.0, 0.0), layout.FRICTIONLESS, 0, (0.0, 0.0), 0.0
     radius = law.radius
     was_stick = mem[model.WAS_STICK] != 0.0
-    v1, w1 = o.twist.v[0], o.twist.w[0]
+    v1, w1 = rates
     free, s = active.free, active.s
     s_free = (free[0], radius * free[1])
     alpha = free_gain(par, mem)
@@ -291,6 +273,9 @@ def _friction(
     else:  # a slip that ends is not stopped at once if the time of action is uncertain
         kept = (1.0 - feedback_gain(par, mem)) ** 2
         s_free = (s_free[0] - kept * v1, s_free[1] - kept * radius * w1)
+    v1, first = (0.0, 0.0) if rests[0] else (v1, s_free[0])
+    w1, second = (0.0, 0.0) if rests[1] else (w1, s_free[1])
+    s_free = (first, second)
     # the reactions as functions of phi: (f1, m1) = push - E (free + S phi) + q0 + q1 phi1 + q2 phi2
     e1, er = sp.e
     base = reactions(

@@ -1,0 +1,1 @@
+"""Slide and spin after elimination of the constrained components: friction, springs, contacts."""
