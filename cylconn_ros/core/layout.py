@@ -162,3 +162,4 @@ STOPPED_SAMPLES: Final = 3  # samples in stick that set STOPPED; one occurs at r
 MISALIGNED: Final = 256
 GAINS_LOWERED: Final = 512
 INTEGRATION: Final = 1024
+DRIVE_BLOCKED: Final = 8192

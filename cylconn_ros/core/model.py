@@ -45,7 +45,9 @@ CONSTRAINT: Final = (
     TOLERANCE + 1
 )  # 0: the connector keeps it; the simulator does: 1 with a declared
 #                                    latency, 2 without (core/free_gain.py)
-TABLE: Final = CONSTRAINT + 1  # of the friction coefficient: rates, forces, values
+DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (infinite: no limit),
+#                                speed of approach of an imposed position
+TABLE: Final = DRIVE + 4  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined

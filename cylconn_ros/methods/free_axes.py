@@ -14,6 +14,7 @@ from cylconn_ros.core.free_gain import lag_of, stable_damping, stable_stiffness
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.joint_limits import (
+    Bounds,
     Two,
     advance_imposed_motion,
     has_stops,
@@ -38,6 +39,7 @@ from cylconn_ros.methods.complementarity import (
     solve_with_limits,
 )
 from cylconn_ros.methods.contacts import StopBounds, with_stops
+from cylconn_ros.methods.drives import is_driven, is_held_against_drive, solve_driven
 
 
 class FreeAxes(NamedTuple):
@@ -51,6 +53,7 @@ class FreeAxes(NamedTuple):
     stop: int  # bits of ConnectorState.stop
     lock: int  # component that is locked
     restitution: float
+    flags: int  # DRIVE_BLOCKED, or 0
 
 
 @inline_function
@@ -75,24 +78,26 @@ def solve_free_axes(
 
     eps = reliable_restitution(par, mem)
     free1, free2 = sp.free
-    b1 = prescribed_rate(par, mem, 0, o.length, v1, h, locked and component == 1, free1)
-    b2 = prescribed_rate(par, mem, 1, o.angle, w1, h, locked and component == 2, free2)
-    side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
-    free = solve_case(par, mem, o, (v1, w1), r, sp, h, explicit, side1, b1, side2, b2, BY_RULE)
-    solved, sides, restitution = free, (side1, side2), 0.0
-    if has_stops(par, 0) or has_stops(par, 1):
-        slide, spin = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
-        b1, b2 = slide.bounds, spin.bounds
-        is_free = side1 == 0 and side2 == 0
-        solved, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
-        restitution = _store_impact(mem, 0, slide, sides[0])
-        restitution = max(restitution, _store_impact(mem, 1, spin, sides[1]))
-
+    closed = (locked and component == 1, locked and component == 2)
+    b1 = prescribed_rate(par, mem, 0, o.length, v1, h, closed[0], free1, sp.s[0])
+    b2 = prescribed_rate(par, mem, 1, o.angle, w1, h, closed[1], free2, sp.s[2])
+    driven = (is_driven(par, 0, closed[0]), is_driven(par, 1, closed[1]))
     stop = 0
-    if not (is_motion_imposed(par, 0) or (locked and component == 1)):
-        stop |= _stop_bits(sides[0])
-    if not (is_motion_imposed(par, 1) or (locked and component == 2)):
-        stop |= _stop_bits(sides[1]) << 2
+    if driven[0] or driven[1]:
+        found = solve_driven(par, mem, o, r, sp, h, explicit, b1, b2, eps, driven)
+        solved, drive, blocked = found.solved, found.drive, found.blocked
+        restitution = _store_impact(mem, 0, found.slide, found.sides[0])
+        restitution = max(restitution, _store_impact(mem, 1, found.spin, found.sides[1]))
+        stop = _stop_bits(found.contacts[0]) | _stop_bits(found.contacts[1]) << 2
+    else:
+        solved, sides, restitution = _solve_undriven(par, mem, o, r, sp, h, explicit, b1, b2, eps)
+        drive, blocked = solved.reaction, False
+        if not (is_motion_imposed(par, 0) or closed[0]):
+            stop |= _stop_bits(sides[0])
+        if not (is_motion_imposed(par, 1) or closed[1]):
+            stop |= _stop_bits(sides[1]) << 2
+    if locked and is_held_against_drive(par, mem, o, sp, component - 1, h, solved.end):
+        blocked = True
     _store_friction(par, mem, o, solved, h)
     advance_imposed_motion(par, mem, h)
     k1, kr, c1, cr = _coefficients(par, mem, r, h)
@@ -104,12 +109,33 @@ def solve_free_axes(
     m1 = spring[1] + damper[1] + actuation[1] + solved.friction[1] + solved.reaction[1]
     mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1] = f1, m1
     for k in range(2):
-        drive = solved.reaction[k] if is_motion_imposed(par, k) else 0.0
-        mem[model.LAST_ACTUATION + k] = actuation[k] + drive
+        moved = drive[k] if is_motion_imposed(par, k) else 0.0
+        mem[model.LAST_ACTUATION + k] = actuation[k] + moved
     lock = component if locked else 0
     return FreeAxes(
-        spring, damper, actuation, solved, reactions(r, f1, m1), stop, lock, restitution
+        spring, damper, actuation, solved, reactions(r, f1, m1), stop, lock, restitution,
+        layout.DRIVE_BLOCKED if blocked else 0,
+    )  # fmt: skip
+
+
+@inline_function
+def _solve_undriven(
+    par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
+    explicit: bool, b1: Bounds, b2: Bounds, eps: float,
+) -> tuple[FreeAxesSolution, tuple[int, int], float]:  # fmt: skip
+    """Friction and stops where no drive can be held back: solution, sides and restitution."""
+    rates = (o.twist.v[0], o.twist.w[0])
+    side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
+    free = solve_case(par, mem, o, rates, r, sp, h, explicit, side1, b1, side2, b2, BY_RULE)
+    if not (has_stops(par, 0) or has_stops(par, 1)):
+        return free, (side1, side2), 0.0
+    slide, spin = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
+    is_free = side1 == 0 and side2 == 0
+    solved, sides = solve_with_limits(
+        par, mem, o, r, sp, h, explicit, slide.bounds, spin.bounds, free, is_free
     )
+    restitution = _store_impact(mem, 0, slide, sides[0])
+    return solved, sides, max(restitution, _store_impact(mem, 1, spin, sides[1]))
 
 
 @inline_function

@@ -131,12 +131,11 @@ def _limit_force(
     """Force of stops, lock or imposed motion on component k; which stop (1, 2) and lock (1)."""
     soft, slow = shares(par, mem, k)
     stiff, damp = soft * par[model.PENALTY + k], slow * par[model.PENALTY + 2 + k]
-    rate = model.value_or(par[model.COMMAND + 3 * k + 1], 0.0)
     if int(par[model.LOCK]) == k + 1 and update_lock(par, mem, x, w, h):
         return -stiff * (x - mem[model.LOCK_POSITION]) - damp * w, 0, 1
     start_imposed_motion(par, mem, k, x)
     if is_motion_imposed(par, k):
-        return -stiff * (x - mem[model.IMPOSED_POSITION + k]) - damp * (w - rate), 0, 0
+        return _drive_force(par, mem, k, x, w, h, stiff, damp)
     below, above = x - par[model.STOPS + 2 * k], par[model.STOPS + 2 * k + 1] - x
     if below < 0.0:
         return max(-stiff * below - damp * w, 0.0), 1, 0
