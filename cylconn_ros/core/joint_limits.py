@@ -217,6 +217,7 @@ def start_imposed_motion(par: Array, mem: Array, k: int, x: float) -> None:
     """An imposed motion starts from its commanded position, else from the present one."""
     if math.isnan(mem[model.IMPOSED_POSITION + k]) or mem[model.LAST_PERIOD] == 0.0:
         mem[model.IMPOSED_POSITION + k] = model.value_or(par[model.COMMAND + 3 * k], x)
+        mem[model.DRIVE_POSITION + k] = x
 
 
 @inline_function

@@ -125,7 +125,8 @@ FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_ga
 PENDING_ACCELERATION: Final = FREE_GAIN + 24  # 2: of the gap after the impact
 PENDING_TIME: Final = PENDING_ACCELERATION + 2  # 2: from the first step's sample to the impact, s
 PENDING_RESTITUTION: Final = PENDING_TIME + 2  # 2
-NMEM: Final = PENDING_RESTITUTION + 2
+DRIVE_POSITION: Final = PENDING_RESTITUTION + 2  # 2: method penalty, position that a drive holds
+NMEM: Final = DRIVE_POSITION + 2
 
 
 class Output(NamedTuple):
