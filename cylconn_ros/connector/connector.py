@@ -131,8 +131,10 @@ class Connector:
             raise SceneError(f"{component}: the method {self.method} has no imposed motion")
         if max_force <= 0.0:
             raise ValueError(f"{component}.max_force = {max_force}: must be > 0, or NaN")
-        if math.isfinite(max_force):
-            check_drive(self.method, f"{component}.max_force", max_force)
+        given = getattr(self.scene.command, component).max_force
+        most = given if math.isnan(max_force) else max_force
+        if moves and math.isfinite(most):
+            check_drive(self.method, f"{component}.max_force", most, position)
         check_within_stops(self.scene.stops, component, f"position of {component}", position)
 
     @property

@@ -21,6 +21,9 @@ FLAGS = (
     "pulling in",
     "gains lowered",
     "plant_integration does not fit",
+    "not converged",
+    "contradictory",
+    "drive blocked",
 )
 
 

@@ -114,8 +114,11 @@ def stoppable_speed(distance: float, deceleration: float, h: float) -> float:
     v with v^2/(2a) + v h/2 = distance; distance/h where the deceleration is large.
     """
     half = 0.5 * deceleration * h
-    return 2.0 * deceleration * distance / (
-        half + math.sqrt(half * half + 2.0 * deceleration * distance)
+    return (
+        2.0
+        * deceleration
+        * distance
+        / (half + math.sqrt(half * half + 2.0 * deceleration * distance))
     )
 
 

@@ -7,7 +7,6 @@ replay feeds the same class from a recording and gets the same bytes.
 from __future__ import annotations
 
 import collections
-import dataclasses
 import functools
 import time
 from collections.abc import Callable

@@ -240,14 +240,21 @@ def _check_command(scene: SceneFields) -> None:
                 f"command.{name}.force ({show(imposed.force)}); it is the limit of a motion"
             )
         if limited:
-            check_drive(scene.method, f"command.{name}.max_force", imposed.max_force)
+            method = scene.method
+            if method == "auto" and "unknown" in (scene.body_a.kind, scene.body_b.kind):
+                method = "penalty"
+            limit = f"command.{name}.max_force"
+            check_drive(method, limit, imposed.max_force, imposed.position)
         if scene.method == "minimal" and not math.isnan(imposed.velocity):
             _check_unstopped(scene, name, imposed.velocity)
         check_within_stops(scene.stops, name, f"command.{name}.position", imposed.position)
 
 
-def check_drive(method: str, name: str, value: float) -> None:
-    """Raise :class:`SceneError` if the method has no drives with a greatest force."""
+def check_drive(method: str, name: str, value: float, position: float) -> None:
+    """Raise :class:`SceneError` if the method has no drives with a greatest force.
+
+    A drive that does not know what it moves cannot brake in time: it has no position.
+    """
     traits = AUTO if method == "auto" else TRAITS[method]
     if not traits.limits_drives:
         why = (
@@ -256,6 +263,12 @@ def check_drive(method: str, name: str, value: float) -> None:
             else "has no drive that gives way; remove it, or use impulse"
         )
         raise SceneError(f"{name} = {show(value)}: the method {method} {why}")
+    if traits.uses_gains and not math.isnan(position):
+        raise SceneError(
+            f"{name} = {show(value)}: with the method {method} must not be given with a position "
+            f"({show(position)}), at which a drive can stop only if it knows mass and inertia; "
+            "give a velocity alone, or use impulse"
+        )
 
 
 def check_within_stops(stops: Stops, component: str, name: str, position: float) -> None:

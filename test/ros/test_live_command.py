@@ -65,11 +65,11 @@ def test_names_in_any_order_and_alone():
         (command("slide", velocity=(1.0, 2.0)), "velocity: 2 numbers for 1 names"),
         (command("spin", effort=(math.inf,)), "effort of spin = inf: must be finite"),
         (
-            command("slide", "spin", velocity=(1.0, 1.0), effort=(NAN, 2.0)),
-            "effort of spin = 2: must not be given with a motion",
+            command("slide", "spin", velocity=(1.0, 1.0), effort=(NAN, -2.0)),
+            "effort of spin = -2: must be > 0 with a motion",
         ),
     ],
-    ids=["no name", "unknown", "twice", "too few", "too many", "infinite", "force and motion"],
+    ids=["no name", "unknown", "twice", "too few", "too many", "infinite", "negative"],
 )
 def test_invalid_command_is_refused_counted_and_diagnosed(data, text):
     loop = Loop(make())
