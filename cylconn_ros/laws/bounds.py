@@ -6,13 +6,13 @@ A bound at distance ``gap``, whose rate is w (negative: approaching), requires w
     impact, 1st step  t = w (T - 1/2 - eps' (3/2 - T)),  T = -gap/(h w); begins if
                       gap + 3/2 h w < 0
     impact, 2nd step  t = -eps' w of the first
-    lock, position    w+ = vc - (x - xc)/h - (w - vc)/2, in both directions
+    lock, position    w+ = vc - (x - xc)/h - (w - vc)/2, in both directions; see also drives.py
     velocity          w+ = vc
 
 For a semi-implicit plant the halves vanish, and an impact is one step, t = -eps' w, which begins if
 gap + h w < 0. -gap/h is limited by the pull-in speed. (x - xc)/h is limited by the greater of the
-pull-in speed and 3/2 |w - vc|, which brings the component to rest. If an output reports the
-coefficient 0, the step is a contact and no impact.
+pull-in speed (of an imposed position: its approach speed) and 3/2 |w - vc|, which brings the
+component to rest. If an output reports the coefficient 0, the step is a contact and no impact.
 """
 
 from __future__ import annotations
@@ -53,6 +53,12 @@ class Bounds(Rows):
     def held(self, out: Array) -> Bools:
         """(n, 2) which components the outputs hold at a bound; friction does not stick there."""
         return self.bilateral | (stop_sides(out) != 0.0)
+
+
+def driven(p: Parameters, b: Bounds) -> Bools:
+    """(n, 2) whether a stop or a greatest force can hold an imposed motion back."""
+    held_back = np.isfinite(p.stops).any(axis=2) | np.isfinite(p.drive[:, :, 0])
+    return np.asarray(b.imposed & ~b.locked & held_back)
 
 
 def stop_sides(out: Array) -> Array:
@@ -179,6 +185,7 @@ def _hold(p: Parameters, o: SampleState, b: Bounds) -> None:
     only_velocity = ~b.locked & np.isnan(p.command[:, :, 0])
     rate = np.where(b.locked | np.isnan(velocity), 0.0, velocity)
     pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
+    pull = np.where(b.locked, pull, p.drive[:, :, 1])
     pull = np.maximum(pull, 1.5 * np.abs(w - rate))
     back = np.clip((at - o.position) / h, -pull, pull)
     target = np.where(only_velocity, rate, rate + back - keep * (w - rate))

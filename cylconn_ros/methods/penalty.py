@@ -148,7 +148,8 @@ def _limit_force(
         held = drive_force(par, mem, k, x, w, h, stiff, damp)
         stop, side = _stop_force(par, k, x, w, stiff, damp)
         if abs(stop) > abs(held.force):
-            return stop, side, 0, 0.0, held.blocked
+            against = stop * model.value_or(par[model.COMMAND + 3 * k + 1], 0.0) < 0.0
+            return stop, side, 0, 0.0, held.blocked or against
         return held.force, held.stop, 0, held.force, held.blocked
     force, side = _stop_force(par, k, x, w, stiff, damp)
     return force, side, 0, 0.0, False
