@@ -25,7 +25,7 @@ def run(**changes: Any) -> Run:
         {"command": {"slide": {"velocity": 1.0}}, "stops": {"l_max": 0.2}},
         {"command": {"slide": LIMITED}, "stops": {"l_max": 0.02}},
         {"command": {"slide": {"position": 0.02, "approach_speed": 0.3}}},
-        {"command": {"slide": {"position": 0.02, "max_force": 10.0}}, "spin": 3.0,
+        {"command": {"slide": {"position": 0.02, "max_force": 10.0}}, "spin": 3.0, "gravity": [0.0, 0.0, -9.81],
          "friction": {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 5.0}},
     ],
 )  # fmt: skip
@@ -37,10 +37,7 @@ def test_the_law_holds_and_finds_mistakes(changes: dict[str, Any]) -> None:
     if pushes.any():
         outs = found.outs.copy()
         outs[pushes, layout.FORCE_REACTION] *= 1.001
-        outs[pushes, layout.FORCE] = outs[pushes, layout.FORCE] * 1.001
-        assert "stops" in first_violation(found.scene, found.states, outs) or first_violation(
-            found.scene, found.states, outs
-        )
+        assert first_violation(found.scene, found.states, outs) != ""
     outs = found.outs.copy()
     flags = outs[:, layout.FLAGS].astype(int)
     outs[outs[:, layout.STOP] == 0, layout.FLAGS] = flags[0] | layout.DRIVE_BLOCKED
