@@ -140,7 +140,7 @@ def _penalty_bounds(block: Block, o: SampleState) -> Array:
         near = there & (np.abs(into) <= 1e-13 * (x_size + np.abs(stop)))  # rounding decides
         size = np.where(pushes | near, stiff * (x_size + np.abs(stop)) + damp * w_size, size)
         wanted = np.where(near, out[:, REACTIONS], wanted)
-    # a drive that approaches a position or is held back (methods/penalty_drive.py): only its limit
+    # a drive that approaches a position or is held back (methods/drives/spring.py): only its limit
     approaches = b.imposed & ~b.locked & ~np.isnan(p.command[:, :, 0])
     loose = driven(p, b) | approaches
     beyond = excess(np.abs(out[:, REACTIONS]), p.drive[:, :, 0])

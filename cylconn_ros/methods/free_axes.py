@@ -39,7 +39,7 @@ from cylconn_ros.methods.complementarity import (
     solve_with_limits,
 )
 from cylconn_ros.methods.contacts import StopBounds, with_stops
-from cylconn_ros.methods.drives import is_driven, is_held_against_drive, solve_driven
+from cylconn_ros.methods.drives.bounds import is_driven, is_held_against_drive, solve_driven
 
 
 class FreeAxes(NamedTuple):

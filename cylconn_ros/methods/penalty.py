@@ -2,7 +2,7 @@
 
     f_c = -k e - c w_c                     e the constraint's error, w_c its rate
     phi = -ks d - cs s,  |phi| <= mu FN    d the elastic slip, integrated from s
-    p   = -k (x - xc) - c (w - vc)         of a lock or a drive (methods/penalty_drive.py); of a
+    p   = -k (x - xc) - c (w - vc)         of a lock or a drive (methods/drives/spring.py); of a
                                            stop: pushing only
 
 FN follows from this sample's f_c, so that friction and reactions belong to the same step. Neither
@@ -33,8 +33,8 @@ from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import scale, turned
 from cylconn_ros.methods import passivity_controller
+from cylconn_ros.methods.drives.spring import drive_force, is_moved_from
 from cylconn_ros.methods.passivity_controller import SIZE, Two
-from cylconn_ros.methods.penalty_drive import drive_force, is_moved_from
 
 
 @device_function

@@ -25,7 +25,8 @@ def run(**changes: Any) -> Run:
         {"command": {"slide": {"velocity": 1.0}}, "stops": {"l_max": 0.2}},
         {"command": {"slide": LIMITED}, "stops": {"l_max": 0.02}},
         {"command": {"slide": {"position": 0.02, "approach_speed": 0.3}}},
-        {"command": {"slide": {"position": 0.02, "max_force": 10.0}}, "spin": 3.0, "gravity": [0.0, 0.0, -9.81],
+        {"command": {"slide": {"position": 0.02, "max_force": 10.0}}, "spin": 3.0,
+         "gravity": [0.0, 0.0, -9.81],
          "friction": {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1, "preload": 5.0}},
     ],
 )  # fmt: skip

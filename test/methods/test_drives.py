@@ -14,6 +14,7 @@ from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import Run, simulate
 
 FRICTION = {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1}
+HALF = math.sqrt(0.5)
 REST: dict[str, Any] = {"mass": 2.0, "l0": 0.0, "v": 0.0}
 WEIGHTLESS: dict[str, Any] = {"gravity": [0.0, 0.0, 0.0], **REST}
 GAINS = {
@@ -55,9 +56,10 @@ def test_a_drive_pushes_with_its_greatest_force(gains: dict[str, Any], integrati
 
 def test_a_drive_that_cannot_hold_the_load_gives_way() -> None:
     """A lift of 2 kg, held by up to 10 N: it falls with g - F/m; up to 20 N: it stays."""
-    up = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
     for most, acceleration in ((10.0, -9.81 + 5.0), (20.0, 0.0)):
-        scene = sleeve(shaft=up, command=drive(velocity=0.0, max_force=most), **REST)
+        scene = sleeve(
+            shaft=(0.0, -HALF, 0.0, HALF), command=drive(velocity=0.0, max_force=most), **REST
+        )
         found = run(scene, 0.2)
         assert found["velocity"][-1, 0] == pytest.approx(0.2 * acceleration, abs=1e-12)
     assert found["force_reaction"][-1] == pytest.approx(2.0 * 9.81, rel=1e-12)
