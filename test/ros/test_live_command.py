@@ -170,7 +170,7 @@ def test_changed_position_starts_the_imposed_motion_there():
         return make(reference__pull_in_speed=10.0, **motion)
 
     loop = Loop(scene(0.0))
-    for _ in range(40):
+    for _ in range(20):
         loop.step()
     assert loop.pipeline.out[layout.LENGTH] == pytest.approx(0.5 * 0.019, abs=1e-4)
     loop.pipeline = MessagePipeline(scene(0.02), loop.pipeline)
