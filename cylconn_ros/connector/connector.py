@@ -21,6 +21,7 @@ from cylconn_ros.methods.traits import LIVE, TRAITS
 from cylconn_ros.scene.packing import choose_method, pack
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
+from cylconn_ros.scene.validation import check_drive, check_within_stops
 
 Array = NDArray[np.float64]
 
@@ -93,13 +94,31 @@ class Connector:
         position: float = math.nan,
         velocity: float = math.nan,
         force: float = math.nan,
+        max_force: float = math.nan,
     ) -> None:
         """Impose a motion or a force on an available component until the next call.
 
         ``component`` is "slide" (m, m/s, N) or "spin" (rad, rad/s, N.m). NaN leaves a quantity
         free. A motion is a position, which moves on with the velocity if one is given, or a
-        velocity alone. Raises ValueError for another component, an infinite number, a motion
-        together with a force, or a motion with a method that has none.
+        velocity alone. ``max_force`` (N, N.m) is its greatest force; NaN: the parameter's. Raises
+        ValueError as :meth:`check_imposed` does.
+        """
+        self.check_imposed(component, position, velocity, force, max_force)
+        k = ("slide", "spin").index(component)
+        at = model.COMMAND + 3 * k
+        self._par[at : at + 3] = position, velocity, force
+        given = (self.scene.command.slide, self.scene.command.spin)[k].max_force
+        self._par[model.DRIVE + 2 * k] = given if math.isnan(max_force) else max_force
+        self._mem[model.IMPOSED_POSITION + k] = math.nan
+
+    def check_imposed(
+        self, component: str, position: float, velocity: float, force: float, max_force: float
+    ) -> None:
+        """Raise ValueError for a motion or force that cannot be imposed.
+
+        That is one for another component than slide and spin, an infinite number, a motion together
+        with a force, a motion with a method that has none, a greatest force with one that has no
+        limited drives or that is not above 0, and a position beyond a stop.
         """
         if component not in ("slide", "spin"):
             raise ValueError(f"component = {component!r}: must be slide or spin")
@@ -110,11 +129,14 @@ class Connector:
             raise ValueError(f"{component}.force = {force}: must not be given with a motion")
         moves = not (math.isnan(position) and math.isnan(velocity))
         if moves and not TRAITS[self.method].has_limits:
-            raise ValueError(f"{component}: the method {self.method} has no imposed motion")
-        k = ("slide", "spin").index(component)
-        at = model.COMMAND + 3 * k
-        self._par[at : at + 3] = position, velocity, force
-        self._mem[model.IMPOSED_POSITION + k] = math.nan
+            raise SceneError(f"{component}: the method {self.method} has no imposed motion")
+        if max_force <= 0.0:
+            raise ValueError(f"{component}.max_force = {max_force}: must be > 0, or NaN")
+        given = getattr(self.scene.command, component).max_force
+        most = given if math.isnan(max_force) else max_force
+        if moves and math.isfinite(most):
+            check_drive(self.method, f"{component}.max_force", most, position)
+        check_within_stops(self.scene.stops, component, f"position of {component}", position)
 
     @property
     def _handle(self) -> Any:

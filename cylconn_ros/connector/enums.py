@@ -23,6 +23,7 @@ FLAGS = (
     "plant_integration does not fit",
     "not converged",
     "contradictory constraints",
+    "drive blocked",
 )
 
 

@@ -15,7 +15,7 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.coupled import step as coupled
-from cylconn_ros.methods.coupled.constraints import working_size
+from cylconn_ros.methods.coupled.memory import working_size
 from cylconn_ros.scene import shared_bodies
 from cylconn_ros.scene.scene import Scene
 

@@ -102,9 +102,9 @@ def _sweep(g: GroupProblem) -> None:
             s11, s12, s22 = g.s[i, i], g.s[i, j], g.s[j, j]
             x -= s11 * g.phi[i] + s12 * g.phi[j]
             y -= s12 * g.phi[i] + s22 * g.phi[j]
-            if g.moves[i] == 0.0:
+            if g.slips[i] == 0.0:
                 x = 0.0
-            if g.moves[j] == 0.0:
+            if g.slips[j] == 0.0:
                 y = 0.0
             g.phi[i], g.phi[j] = least_on_disc(s11, s12, s22, x, y, g.radius[c])
 

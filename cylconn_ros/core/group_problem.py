@@ -45,6 +45,7 @@ class GroupProblem(NamedTuple):
     back: Array  # (2 N,)
     before: Array  # (2 N,) s-
     moves: Array  # (2 N,) 0 for a component that other connectors hold
+    slips: Array  # (2 N,) 0 for one without slip: held as above, or at rest at a stop or lock
     mobility: Array  # (N,) m
     theta: Array  # (N,) 1/2 or 1
     gain: Array  # (N,) g_c
@@ -71,6 +72,12 @@ class GroupProblem(NamedTuple):
 def shift(g: GroupProblem, j: int) -> float:
     """s^ - s+ of component j, without the proximal term."""
     return float(g.back[j] + (1.0 / g.theta[j // 2] - 1.0) * g.before[j])
+
+
+@inline_function
+def _slip(g: GroupProblem, j: int) -> float:
+    """s^ of component j, without the proximal term."""
+    return float(g.end[j] + shift(g, j)) if g.slips[j] != 0.0 else 0.0
 
 
 @device_function
@@ -114,7 +121,7 @@ def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
     i, j = 2 * c, 2 * c + 1
     m = g.epsilon[0] * g.mobility[c]
     gain = m if g.sharp[0] != 0.0 else g.gain[c]
-    x, y = g.end[i] + shift(g, i), g.end[j] + shift(g, j)
+    x, y = _slip(g, i), _slip(g, j)
     radius = g.fixed[c]
     if g.forced[c] != 0.0:
         radius = math.inf
@@ -125,9 +132,9 @@ def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
     g.radius[c] = radius
     a = g.phi[i] - (x + m * (g.phi[i] - g.anchor[i])) / gain
     b = g.phi[j] - (y + m * (g.phi[j] - g.anchor[j])) / gain
-    if g.moves[i] == 0.0:
+    if g.slips[i] == 0.0:
         a = 0.0
-    if g.moves[j] == 0.0:
+    if g.slips[j] == 0.0:
         b = 0.0
     g.away[i], g.away[j] = a, b
     out = math.sqrt(a * a + b * b)
@@ -160,7 +167,7 @@ def _limit_slope(g: GroupProblem, c: int) -> None:
     law = model.law(par)
     f2, f3, m2, m3 = _reaction(g, c)
     pressed = contact(law, (f2, f3, m2, m3))
-    x, y = g.end[i] + shift(g, i), g.end[j] + shift(g, j)
+    x, y = _slip(g, i), _slip(g, j)
     total = math.sqrt(x * x + y * y)
     rate = g.theta[c] * total
     radius = limit(law, par, rate, pressed.normal)
@@ -192,7 +199,7 @@ def list_unknowns(g: GroupProblem) -> int:
     """List the unknowns; returns their number."""
     n, count = 2 * g.number, 0
     for j in range(n):
-        if g.on[j // 2] != 0.0 and g.moves[j] != 0.0:
+        if g.on[j // 2] != 0.0 and g.slips[j] != 0.0:
             g.listed[count] = j
             count += 1
     for j in range(n):
@@ -213,7 +220,7 @@ def linearise(g: GroupProblem, unknowns: int, follow: bool) -> None:
             _linearise_bound(g, row, j - n, unknowns)
             row += 1
             continue
-        both = g.moves[2 * (j // 2)] != 0.0 and g.moves[2 * (j // 2) + 1] != 0.0
+        both = g.slips[2 * (j // 2)] != 0.0 and g.slips[2 * (j // 2) + 1] != 0.0
         _linearise_disc(g, row, j // 2, both, unknowns, follow)
         row += 2 if both else 1
 
@@ -247,7 +254,7 @@ def _linearise_disc(
         d11, d12, d22 = share * n2 * n2, -share * n1 * n2, share * n1 * n1
         if follow:
             _limit_slope(g, c)
-    first = g.moves[i] != 0.0
+    first = g.slips[i] != 0.0
     second_row = row + 1 if first else row
     for column in range(unknowns):
         k = int(g.listed[column])

@@ -85,17 +85,41 @@ def _lowered_rate(x: float, w: float, h: float, pull: float, most: float, alpha:
 
 @inline_function
 def _target_rate(
-    par: Array, mem: Array, x: float, w: float, at: float, rate: float, h: float, k: int
-) -> float:
-    """The rate that brings x onto the position ``at`` of a bilateral target with ``rate``."""
+    par: Array, mem: Array, x: float, w: float, at: float, rate: float, h: float, pull: float,
+    deceleration: float,
+) -> float:  # fmt: skip
+    """The rate that brings x onto the position ``at`` of a bilateral target with ``rate``.
+
+    pull: greatest speed of the approach; deceleration: at which it can be stopped.
+    """
     explicit = model.output(par).semi_implicit
     alpha = free_gain(par, mem)
+    if deceleration < math.inf:
+        pull = min(pull, stoppable_speed(abs(at - x), deceleration, h))
     if alpha < 1.0:
-        pull = par[model.PULL_IN + k]
         return rate + _lowered_rate(x - at, w - rate, h, pull, pull, alpha)
-    pull = max(par[model.PULL_IN + k], 1.5 * abs(w - rate))  # deceleration is not limited
+    if deceleration < math.inf:
+        back = correction_share(par, mem) * (at - x) / h
+        back -= rate_share(par, mem, explicit) * (w - rate)
+        return rate + min(max(back, -pull), pull)
+    pull = max(pull, 1.5 * abs(w - rate))  # deceleration is not limited
     back = min(max(correction_share(par, mem) * (at - x) / h, -pull), pull)
     return rate + back - rate_share(par, mem, explicit) * (w - rate)
+
+
+@inline_function
+def stoppable_speed(distance: float, deceleration: float, h: float) -> float:
+    """The speed at the end of a step from which a deceleration stops within the distance.
+
+    v with v^2/(2a) + v h/2 = distance; distance/h where the deceleration is large.
+    """
+    half = 0.5 * deceleration * h
+    return (
+        2.0
+        * deceleration
+        * distance
+        / (half + math.sqrt(half * half + 2.0 * deceleration * distance))
+    )
 
 
 @inline_function
@@ -115,20 +139,26 @@ def _prescribed(par: Array, k: int, w: float, rate: float, change: float) -> Bou
 
 @device_function
 def prescribed_rate(
-    par: Array, mem: Array, k: int, x: float, w: float, h: float, locked: bool, free: float
-) -> Bounds:
+    par: Array, mem: Array, k: int, x: float, w: float, h: float, locked: bool, free: float,
+    yields: float,
+) -> Bounds:  # fmt: skip
     """Bounds of component k (0 slide, 1 spin) at position x and rate w without its stops.
 
-    free: the rate at the end of the step without friction and reactions.
+    free: the rate at the end of the step without friction and reactions; yields: its change by a
+    unit of force.
     """
     if locked:
-        rate = _target_rate(par, mem, x, w, mem[model.LOCK_POSITION], 0.0, h, k)
+        at, pull = mem[model.LOCK_POSITION], par[model.PULL_IN + k]
+        rate = _target_rate(par, mem, x, w, at, 0.0, h, pull, math.inf)
         return _prescribed(par, k, w, rate, free - w)
     command = model.COMMAND + 3 * k
     rate = par[command + 1]
     if not math.isnan(par[command]):
-        at = mem[model.IMPOSED_POSITION + k]
-        rate = _target_rate(par, mem, x, w, at, model.value_or(rate, 0.0), h, k)
+        at, pull = mem[model.IMPOSED_POSITION + k], par[model.DRIVE + 2 * k + 1]
+        most = drive_limit(par, k) * yields / h  # acceleration by the drive alone
+        if most < math.inf:  # what else acts may push on, up to a part of it
+            most = 0.8 * max(most - abs(free - w) / h, 0.1 * most)
+        rate = _target_rate(par, mem, x, w, at, model.value_or(rate, 0.0), h, pull, most)
         return _prescribed(par, k, w, rate, free - w)
     if not math.isnan(rate):
         rate += (1.0 - free_gain(par, mem)) * (w - rate)
@@ -174,6 +204,12 @@ def is_motion_imposed(par: Array, k: int) -> bool:
 
 
 @inline_function
+def drive_limit(par: Array, k: int) -> float:
+    """The greatest force or moment of the motion imposed on component k; infinite: no limit."""
+    return par[model.DRIVE + 2 * k]
+
+
+@inline_function
 def imposed_force(par: Array, k: int) -> float:
     """The force or moment imposed on component k."""
     return model.value_or(par[model.COMMAND + 3 * k + 2], 0.0)
@@ -184,6 +220,7 @@ def start_imposed_motion(par: Array, mem: Array, k: int, x: float) -> None:
     """An imposed motion starts from its commanded position, else from the present one."""
     if math.isnan(mem[model.IMPOSED_POSITION + k]) or mem[model.LAST_PERIOD] == 0.0:
         mem[model.IMPOSED_POSITION + k] = model.value_or(par[model.COMMAND + 3 * k], x)
+        mem[model.DRIVE_POSITION + k] = x
 
 
 @inline_function

@@ -45,7 +45,9 @@ CONSTRAINT: Final = (
     TOLERANCE + 1
 )  # 0: the connector keeps it; the simulator does: 1 with a declared
 #                                    latency, 2 without (core/free_gain.py)
-TABLE: Final = CONSTRAINT + 1  # of the friction coefficient: rates, forces, values
+DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (infinite: no limit),
+#                                speed of approach of an imposed position
+TABLE: Final = DRIVE + 4  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined
@@ -129,7 +131,8 @@ HELD_WRENCH: Final = ACCELERATIONS + 24  # 12: the last wrench as at LAST_A, at 
 PENDING_ACCELERATION: Final = HELD_WRENCH + 12  # 2: of the gap after the impact
 PENDING_TIME: Final = PENDING_ACCELERATION + 2  # 2: from the first step's sample to the impact, s
 PENDING_RESTITUTION: Final = PENDING_TIME + 2  # 2
-NMEM: Final = PENDING_RESTITUTION + 2
+DRIVE_POSITION: Final = PENDING_RESTITUTION + 2  # 2: method penalty, position that a drive holds
+NMEM: Final = DRIVE_POSITION + 2
 
 
 class Output(NamedTuple):

@@ -5,14 +5,15 @@ A bound at distance ``gap``, whose rate is w (negative: approaching), requires w
     contact           t = -gap/h - w/2
     impact            two steps that lead to the ideal motion (ideal_motion.py) at their end:
                       t = (x2 - gap)/h - (w + w2)/2, then t = w2
-    lock, position    w+ = vc - (x - xc)/h - (w - vc)/2, in both directions
+    lock, position    w+ = vc - (x - xc)/h - (w - vc)/2, in both directions; see also drives.py
     velocity          w+ = vc
 
 For a semi-implicit plant the halves vanish, and the first step of an impact has t = (x2 - gap)/h -
 w2. -gap/h is limited by the pull-in speed. (x - xc)/h is limited by the greater of the pull-in
-speed and 3/2 |w - vc|, which brings the component to rest. A component has the bound of a contact
-where it rests at a stop, where it is beyond one, and where the bounces of an impact end within the
-step; where no impact begins or goes on either, it has none.
+speed (of an imposed position: its approach speed) and 3/2 |w - vc|, which brings the component to
+rest. A component has the bound of a contact where it rests at a stop, where it is beyond one, and
+where the bounces of an impact end within the step; where no impact begins or goes on either, it has
+none.
 """
 
 from __future__ import annotations
@@ -68,6 +69,12 @@ class Bounds(Rows):
     def rests(self, out: Array) -> Bools:
         """(n, 2) which of them are at rest, so that friction does not slip there either."""
         return np.asarray(self.held(out) & (self.rest != 0.0))
+
+
+def driven(p: Parameters, b: Bounds) -> Bools:
+    """(n, 2) whether a stop or a greatest force can hold an imposed motion back."""
+    held_back = np.isfinite(p.stops).any(axis=2) | np.isfinite(p.drive[:, :, 0])
+    return np.asarray(b.imposed & ~b.locked & held_back)
 
 
 def stop_sides(out: Array) -> Array:
@@ -308,6 +315,7 @@ def _hold(p: Parameters, o: SampleState, b: Bounds) -> None:
     only_velocity = ~b.locked & np.isnan(p.command[:, :, 0])
     rate = np.where(b.locked | np.isnan(velocity), 0.0, velocity)
     pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
+    pull = np.where(b.locked, pull, p.drive[:, :, 1])
     pull = np.maximum(pull, 1.5 * np.abs(w - rate))
     back = np.clip((at - o.position) / h, -pull, pull)
     target = np.where(only_velocity, rate, rate + back - keep * (w - rate))

@@ -15,7 +15,8 @@ from cylconn_ros.laws.balance import (
     sum_residual,
     wrench_residual,
 )
-from cylconn_ros.laws.bounds import motion_bounds
+from cylconn_ros.laws.bounds import driven, motion_bounds, stop_sides
+from cylconn_ros.laws.drives import excess
 from cylconn_ros.laws.friction import limit
 from cylconn_ros.laws.normalised import Block, ratio, worst
 from cylconn_ros.laws.parameters import Parameters, world
@@ -154,7 +155,12 @@ def _penalty_bounds(block: Block, o: SampleState) -> Array:
         near = there & (np.abs(into) <= 1e-13 * (x_size + np.abs(stop)))  # rounding decides
         size = np.where(pushes | near, stiff * (x_size + np.abs(stop)) + damp * w_size, size)
         wanted = np.where(near, out[:, REACTIONS], wanted)
-    found = worst(ratio(out[:, REACTIONS] - wanted, size))
+    # a drive that approaches a position or is held back (methods/drives/spring.py): only its limit
+    approaches = b.imposed & ~b.locked & ~np.isnan(p.command[:, :, 0])
+    loose = driven(p, b) | approaches
+    beyond = excess(np.abs(out[:, REACTIONS]), p.drive[:, :, 0])
+    beyond = np.where(stop_sides(out) != 0.0, 0.0, beyond)
+    found = worst(np.where(loose, beyond, ratio(out[:, REACTIONS] - wanted, size)))
     locks = out[:, layout.LOCK] != (b.locked * np.array([1.0, 2.0])).sum(axis=1)
     return np.where(p.bounded, np.where(locks, np.inf, found), np.nan)
 

@@ -83,6 +83,7 @@ class Parameters(Rows):
     gains: Array  # (n, 6) k, kr, c, cr of the penalty constraint, ks, cs of its stick; NaN: none
     feedback: Array  # (n, 2) alpha, beta of baumgarte
     command: Array  # (n, 2, 3) slide and spin: position, velocity, force; NaN: not imposed
+    drive: Array  # (n, 2, 2) slide and spin: greatest force, speed of approach
 
     @property
     def bounded(self) -> Bools:
@@ -158,6 +159,7 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         gains=_column([_gains(s) for s in scenes]),
         feedback=_column([_feedback(s) for s in scenes]),
         command=np.array([_command(s) for s in scenes]),
+        drive=np.array([_drive(s) for s in scenes]),
     )
 
 
@@ -199,6 +201,11 @@ def _or(given: float, otherwise: float) -> float:
 def _command(scene: Scene) -> list[list[float]]:
     given = scene.command.slide, scene.command.spin
     return [[each.position, each.velocity, each.force] for each in given]
+
+
+def _drive(scene: Scene) -> list[list[float]]:
+    given = scene.command.slide, scene.command.spin
+    return [[each.max_force, each.approach_speed] for each in given]
 
 
 def _column(values: Sequence[object]) -> Array:

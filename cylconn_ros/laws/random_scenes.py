@@ -163,7 +163,8 @@ def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> 
     if rng.random() < 0.15:
         lock: dict[str, Any] = {"component": str(rng.choice(["slide", "spin"]))}
         if rng.random() < 0.6:
-            lock["position"] = float(rng.normal() * decades(rng, -3.0, 0.0) * min(reach, 1.0))
+            position = float(rng.normal() * decades(rng, -3.0, 0.0) * min(reach, 1.0))
+            lock["position"] = _within(stops, lock["component"], position)
         if rng.random() < 0.5 or "position" not in lock:
             lock["force"] = float(weight * decades(rng, -3.0, 2.0))
         values["lock"] = lock
@@ -173,10 +174,23 @@ def _bound(rng: Random, values: dict[str, Any], weight: float, reach: float) -> 
             command[name] = _force(rng, weight)
         elif rng.random() < 0.12:
             command[name] = _motion(rng, min(reach, 1.0) if name == "slide" else 1.0)
+            if "position" in command[name]:
+                command[name]["position"] = _within(stops, name, command[name]["position"])
+    for motion in command.values():
+        brakes = "position" not in motion or "penalty" not in values
+        if "force" not in motion and brakes and rng.random() < 0.5:
+            motion["max_force"] = float(weight * decades(rng, -3.0, 3.0))
     values["command"] = command
     if "reference" in values:  # a constitutive reference has to be within the stops
         values["reference"].pop("length", None)
         values["reference"].pop("angle", None)
+
+
+def _within(stops: dict[str, float], component: str, position: float) -> float:
+    """A position within the stops of slide or spin."""
+    name = "l" if component == "slide" else "theta"
+    low, high = stops.get(f"{name}_min", -math.inf), stops.get(f"{name}_max", math.inf)
+    return min(max(position, low), high)
 
 
 def _force(rng: Random, weight: float) -> dict[str, float]:

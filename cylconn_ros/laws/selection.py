@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.approach import begun_at
-from cylconn_ros.laws.bounds import Bounds, stop_sides
+from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import Bools, Parameters, Table
 from cylconn_ros.laws.predicted_end import prepare_step
@@ -95,7 +95,7 @@ def check(block: Block) -> SelectionCheck:
     moved = held & ~rests
     q.free_size += np.where(moved, unit * np.where(upper, b.high_size, b.low_size), 0.0)
     values = np.linalg.eigvalsh(q.s)
-    rows = p.on & (q.condition < WORST_CONDITION) & ~b.ambiguous
+    rows = p.on & (q.condition < WORST_CONDITION) & ~b.ambiguous & ~driven(p, b).any(axis=1)
     even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
     rows &= even | held.any(axis=1)
     index = np.flatnonzero(rows)

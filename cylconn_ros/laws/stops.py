@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.laws.bounds import Bounds, bounds, stop_sides
+from cylconn_ros.laws.bounds import Bounds, bounds, driven, stop_sides
+from cylconn_ros.laws.drives import drive_residual
 from cylconn_ros.laws.normalised import Block, ratio, worst
 from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.laws.reduced import problem_of
@@ -39,20 +40,25 @@ def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size
     pulling = _pull_residual(block, o, s, given, side, size)
     at_low, at_high = np.maximum(low, pulling), np.maximum(high, pulling)
     found = np.where(side < 0.0, at_low, np.where(side > 0.0, at_high, free))
-    found = np.where(b.bilateral, low, found)
+    drives = driven(p, b)
+    found = np.where(b.bilateral & ~drives, low, found)
+    # nor is a stop beside a drive, whose rate at the end of the step is not known beforehand
+    found = np.where(drives.any(axis=1, keepdims=True), 0.0, found)
+    found = np.maximum(found, drive_residual(p, out, b, rate, size))
     unreported = (given != 0.0) & ~b.bilateral & (side == 0.0)
-    misreported = (b.locked | b.imposed) & (side != 0.0)  # a lock or a motion is no stop
+    misreported = (b.locked | b.imposed) & ~drives & (side != 0.0)  # a lock or motion is no stop
     found = np.where(unreported | misreported | np.isnan(side), np.inf, found)
-    found = np.maximum(found, _rest_residual(out, b))
+    found = np.maximum(found, _rest_residual(p, out, b))
     found = np.maximum(worst(found), _status_residual(p, out, b))
     return np.where(p.bounded & ~b.ambiguous, found, np.nan)
 
 
-def _rest_residual(out: Array, b: Bounds) -> Array:
+def _rest_residual(p: Parameters, out: Array, b: Bounds) -> Array:
     """(n, 2) share of the load of a component at rest at a bound that friction takes: none."""
     friction = np.abs(out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]])
     load = friction + np.abs(out[:, REACTIONS])
-    return np.where(b.rests(out), ratio(friction, load), 0.0)
+    rests = b.rests(out) & ~driven(p, b).any(axis=1, keepdims=True)
+    return np.where(rests, ratio(friction, load), 0.0)
 
 
 def _status_residual(p: Parameters, out: Array, b: Bounds) -> Array:

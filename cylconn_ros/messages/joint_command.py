@@ -1,7 +1,8 @@
 """Commands on ``~/command`` (JointState): imposed motion or force on slide and spin.
 
 A sensor_msgs/JointState has the meaning that controllers give it: position and velocity are an
-imposed motion, effort an imposed force; an empty array or NaN is a quantity not given. A message
+imposed motion, effort alone an imposed force, effort with a motion the greatest force that it may
+take, in place of the parameter max_force; an empty array or NaN is a quantity not given. A message
 sets the components that it names and leaves the others as they are; a component named without any
 quantity is free again. Header and stamp are not used: a command acts from the next processed sample
 until the next command.
@@ -9,12 +10,15 @@ until the next command.
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
-from cylconn_ros.errors import CylconnError
+from cylconn_ros.errors import CylconnError, SceneError
 from cylconn_ros.messages.cdr_decoder import JointState
 from cylconn_ros.scene.behaviour import Command, Imposed
+from cylconn_ros.scene.scene import Scene
 
 COMPONENTS = ("slide", "spin")
 
@@ -29,18 +33,24 @@ class Imposition(NamedTuple):
     position: float  # m or rad
     velocity: float  # m/s or rad/s
     force: float  # N or N.m
+    max_force: float = math.nan  # N or N.m, of a motion; NaN: that of the parameters
 
     @classmethod
     def of(cls, imposed: Imposed) -> Imposition:
         """From the parameters of a scene."""
         return cls(imposed.position, imposed.velocity, imposed.force)
 
-    def parameters(self) -> Imposed:
-        """As parameters of a scene."""
-        return Imposed(**self._asdict())
+    def parameters(self, scene: Imposed) -> Imposed:
+        """As parameters of a scene, with the others of ``scene``."""
+        most = scene.max_force if math.isnan(self.max_force) else self.max_force
+        return dataclasses.replace(scene, **{**self._asdict(), "max_force": most})
 
     def __str__(self) -> str:
-        given = (f"{name} {x:g}" for name, x in self._asdict().items() if not math.isnan(x))
+        given = (
+            f"{'at most' if name == 'max_force' else name} {x:g}"
+            for name, x in self._asdict().items()
+            if not math.isnan(x)
+        )
         return ", ".join(given) or "free"
 
 
@@ -49,17 +59,25 @@ def in_scene(command: Command) -> dict[str, Imposition]:
     return {name: Imposition.of(getattr(command, name)) for name in COMPONENTS}
 
 
-def as_parameters(impositions: dict[str, Imposition]) -> Command:
-    """Parameters of a scene, from the impositions by component."""
-    return Command(**{name: imposed.parameters() for name, imposed in impositions.items()})
+def as_parameters(impositions: dict[str, Imposition], scene: Scene) -> Scene:
+    """The scene with the impositions by component in place of its parameters ``command``."""
+    given = scene.command
+    command = Command(
+        **{name: imposed.parameters(getattr(given, name)) for name, imposed in impositions.items()}
+    )
+    return dataclasses.replace(scene, command=command)
 
 
-def read(message: JointState) -> dict[str, Imposition]:
+def read(
+    message: JointState, check: Callable[..., None] = lambda *_: None
+) -> dict[str, Imposition]:
     """Impositions by component that a message names.
+
+    check: raises SceneError for a component and an imposition that the connector cannot carry out.
 
     Raises JointCommandError, which names component, value and rule, if the message names no
     component, an unknown one or one twice; if an array is neither empty nor as long as the names;
-    if a number is infinite; if a motion comes with a force.
+    if a number is infinite; if the effort of a motion, its greatest force, is not above 0.
     """
     names = message.names
     if not names:
@@ -84,11 +102,20 @@ def read(message: JointState) -> dict[str, Imposition]:
         columns.append(array or (math.nan,) * len(names))
     impositions = {}
     for name, position, velocity, force in zip(names, *columns, strict=True):
-        if not (math.isnan(force) or (math.isnan(position) and math.isnan(velocity))):
+        if math.isnan(position) and math.isnan(velocity):
+            impositions[name] = Imposition(position, velocity, force)
+            continue
+        if force <= 0.0:
             raise JointCommandError(
-                f"effort of {name} = {force:g}: must not be given with a motion"
+                f"effort of {name} = {force:g}: must be > 0 with a motion, whose greatest force it "
+                "is, or NaN for that of the parameters"
             )
-        impositions[name] = Imposition(position, velocity, force)
+        impositions[name] = Imposition(position, velocity, math.nan, force)
+    try:
+        for name, imposition in impositions.items():
+            check(name, *imposition)
+    except SceneError as error:
+        raise JointCommandError(str(error)) from error
     return impositions
 
 

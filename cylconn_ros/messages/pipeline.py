@@ -7,7 +7,6 @@ replay feeds the same class from a recording and gets the same bytes.
 from __future__ import annotations
 
 import collections
-import dataclasses
 import functools
 import time
 from collections.abc import Callable
@@ -213,7 +212,7 @@ class MessagePipeline:
     @property
     def scene_in_force(self) -> Scene:
         """The scene, with the commands in force in place of its parameters ``command``."""
-        return dataclasses.replace(self.scene, command=joint_command.as_parameters(self.imposed))
+        return joint_command.as_parameters(self.imposed, self.scene)
 
     @property
     def parts(self) -> PipelineParts:
@@ -326,7 +325,8 @@ class MessagePipeline:
     def _command(self, data: bytes) -> None:
         try:
             joint_command.check_access(self.scene.access.frozen)
-            self._impose(joint_command.read(cdr_decoder.read_joint_state(data)))
+            message = cdr_decoder.read_joint_state(data)
+            self._impose(joint_command.read(message, self.connector.check_imposed))
             self.health.commands += 1
         except joint_command.JointCommandError as error:
             self.health.refused += 1

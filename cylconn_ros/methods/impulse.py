@@ -199,7 +199,7 @@ def write_outputs(
     f1, m1 = mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1]
     force = (f1, av.constraint[0], av.constraint[1])
     moment = (m1, av.constraint[2], av.constraint[3])
-    flags = s.flags | av.solved.flags
+    flags = s.flags | av.solved.flags | av.flags
     sent_force, sent_moment = force, moment
     if is_simulators(par):
         sent_force, sent_moment = (f1, 0.0, 0.0), (m1, 0.0, 0.0)

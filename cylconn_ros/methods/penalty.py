@@ -2,7 +2,8 @@
 
     f_c = -k e - c w_c                     e the constraint's error, w_c its rate
     phi = -ks d - cs s,  |phi| <= mu FN    d the elastic slip, integrated from s
-    p   = -k (x - xc) - c (w - vc)         of a lock or an imposed motion; of a stop: pushing only
+    p   = -k (x - xc) - c (w - vc)         of a lock or a drive (methods/drives/spring.py); of a
+                                           stop: pushing only
 
 FN follows from this sample's f_c, so that friction and reactions belong to the same step. Neither
 depends on the other through the (unknown) inertia, so that no system is solved. If phi is outside
@@ -36,6 +37,7 @@ from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import add_scaled, scale, turned
 from cylconn_ros.methods import passivity_controller
+from cylconn_ros.methods.drives.spring import drive_force, is_moved_from
 from cylconn_ros.methods.passivity_controller import SIZE, Two
 
 
@@ -94,16 +96,16 @@ def write_outputs(
     spring = (-par[elastic] * u1, -par[elastic + 1] * ur)
     damper = (-par[elastic + 2] * v[0], -par[elastic + 3] * w[0])
     friction, regime = _friction(par, mem, out, o, constraint, h)
-    p1, stop1, lock1 = _limit_force(par, mem, 0, o.length, v[0], h)
-    p2, stop2, lock2 = _limit_force(par, mem, 1, o.angle, w[0], h)
+    p1, stop1, lock1, moved1, blocked1 = _limit_force(par, mem, 0, o.length, v[0], h)
+    p2, stop2, lock2, moved2, blocked2 = _limit_force(par, mem, 1, o.angle, w[0], h)
     drive1, drive2 = imposed_force(par, 0), imposed_force(par, 1)
     advance_imposed_motion(par, mem, h)
 
     f1 = spring[0] + damper[0] + friction[0] + drive1 + p1
     m1 = spring[1] + damper[1] + friction[1] + drive2 + p2
     mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1] = f1, m1
-    mem[model.LAST_ACTUATION] = drive1 + (p1 if is_motion_imposed(par, 0) else 0.0)
-    mem[model.LAST_ACTUATION + 1] = drive2 + (p2 if is_motion_imposed(par, 1) else 0.0)
+    mem[model.LAST_ACTUATION] = drive1 + moved1
+    mem[model.LAST_ACTUATION + 1] = drive2 + moved2
     force = (f1, constraint[0], constraint[1])
     moment = (m1, constraint[2], constraint[3])
     write_forces(out, force, moment)
@@ -118,6 +120,8 @@ def write_outputs(
     out[layout.STOP_TIME] = -1.0
     out[layout.RESIDUAL] = 0.0
     flags = o.flags
+    if blocked1 or blocked2:
+        flags |= layout.DRIVE_BLOCKED
     if mem[model.STICK_SAMPLES] >= layout.STOPPED_SAMPLES:
         flags |= layout.STOPPED
     a, b, acting = o.a, o.b, o.frame
@@ -137,22 +141,41 @@ def write_outputs(
 @device_function
 def _limit_force(
     par: Array, mem: Array, k: int, x: float, w: float, h: float
-) -> tuple[float, int, int]:
-    """Force of stops, lock or imposed motion on component k; which stop (1, 2) and lock (1)."""
+) -> tuple[float, int, int, float, bool]:
+    """Force of stops, lock and drive on component k.
+
+    Also which stop (1, 2) and lock (1) acts, the part of the drive, and whether stop or lock holds
+    the component against it.
+    """
     soft, slow = shares(par, mem, k)
     stiff, damp = soft * par[model.PENALTY + k], slow * par[model.PENALTY + 2 + k]
-    rate = model.value_or(par[model.COMMAND + 3 * k + 1], 0.0)
     if int(par[model.LOCK]) == k + 1 and update_lock(par, mem, x, w, h):
-        return -stiff * (x - mem[model.LOCK_POSITION]) - damp * w, 0, 1
+        at = mem[model.LOCK_POSITION]
+        blocked = is_motion_imposed(par, k) and is_moved_from(par, k, at)
+        return -stiff * (x - at) - damp * w, 0, 1, 0.0, blocked
     start_imposed_motion(par, mem, k, x)
     if is_motion_imposed(par, k):
-        return -stiff * (x - mem[model.IMPOSED_POSITION + k]) - damp * (w - rate), 0, 0
+        held = drive_force(par, mem, k, x, w, h, stiff, damp)
+        stop, side = _stop_force(par, k, x, w, stiff, damp)
+        if abs(stop) > abs(held.force):
+            against = stop * model.value_or(par[model.COMMAND + 3 * k + 1], 0.0) < 0.0
+            return stop, side, 0, 0.0, held.blocked or against
+        return held.force, held.stop, 0, held.force, held.blocked
+    force, side = _stop_force(par, k, x, w, stiff, damp)
+    return force, side, 0, 0.0, False
+
+
+@inline_function
+def _stop_force(
+    par: Array, k: int, x: float, w: float, stiff: float, damp: float
+) -> tuple[float, int]:
+    """Force of the stops of component k, and which one acts (1, 2)."""
     below, above = x - par[model.STOPS + 2 * k], par[model.STOPS + 2 * k + 1] - x
     if below < 0.0:
-        return max(-stiff * below - damp * w, 0.0), 1, 0
+        return max(-stiff * below - damp * w, 0.0), 1
     if above < 0.0:
-        return -max(-stiff * above + damp * w, 0.0), 2, 0
-    return 0.0, 0, 0
+        return -max(-stiff * above + damp * w, 0.0), 2
+    return 0.0, 0
 
 
 @device_function

@@ -19,6 +19,7 @@ class MethodTraits(NamedTuple):
         needs_inertia: mass and inertia of both bodies must be known.
         uses_gains: reads the parameters ``penalty.*``.
         has_limits: models stops, locks and imposed motion.
+        limits_drives: an imposed motion can have a greatest force.
         exact_stick: stick has no creep and no elastic slip: s = 0 at the end of the step.
         second_order: converges with second order, so that ``cylconn simulate`` checks its runs
             against the reference solutions of the bundled scenes.
@@ -32,6 +33,7 @@ class MethodTraits(NamedTuple):
     needs_inertia: bool = False
     uses_gains: bool = False
     has_limits: bool = True
+    limits_drives: bool = True
     exact_stick: bool = False
     second_order: bool = False
     couples: bool = False
@@ -50,6 +52,7 @@ TRAITS: Final[dict[str, MethodTraits]] = {
         number=4,
         summary="equations of motion in joint coordinates, integrated to a tolerance",
         live=False,
+        limits_drives=False,
         needs_inertia=True,
         exact_stick=True,
         second_order=True,
@@ -59,6 +62,7 @@ TRAITS: Final[dict[str, MethodTraits]] = {
         summary="accelerations with feedback, regularised friction: a loaded sleeve creeps",
         needs_inertia=True,
         has_limits=False,
+        limits_drives=False,
     ),
     "augmented_lagrangian": MethodTraits(
         number=2,
@@ -74,6 +78,7 @@ TRAITS: Final[dict[str, MethodTraits]] = {
         number=5,
         summary="no wrench is sent; forces and friction of the measured motion",
         sends_wrench=False,
+        limits_drives=False,
     ),
 }
 """Traits by the value of the parameter ``method``; ``auto`` stands for one of them."""

@@ -238,6 +238,18 @@ class Imposed:
     force: float = parameter(
         NAN, unit="N or N.m", doc="Force or moment on B along e1a; not with a motion; .nan: none."
     )
+    max_force: float = parameter(
+        INF,
+        gt=0.0,
+        unit="N or N.m",
+        doc="Greatest force or moment of an imposed motion, which gives way beyond it.",
+    )
+    approach_speed: float = parameter(
+        0.1,
+        gt=0.0,
+        unit="m/s or rad/s",
+        doc="Greatest speed at which an imposed position is approached, besides its velocity.",
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -255,6 +267,8 @@ class Command:
             "position": {"unit": "m", "doc": "Position in the slot to hold or reach; .nan: none."},
             "velocity": {"unit": "m/s"},
             "force": {"unit": "N", "doc": "Force on B along e1a; not with a motion; .nan: none."},
+            "max_force": {"unit": "N"},
+            "approach_speed": {"unit": "m/s"},
         },
     )
     spin: Imposed = group(
@@ -266,5 +280,10 @@ class Command:
                 "unit": "N.m",
                 "doc": "Moment on B about e1a; not with a motion; .nan: none.",
             },
+            "max_force": {
+                "unit": "N.m",
+                "doc": "Greatest moment of an imposed motion, which gives way beyond it.",
+            },
+            "approach_speed": {"default": 1.0, "unit": "rad/s"},
         },
     )

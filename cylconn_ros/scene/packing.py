@@ -94,6 +94,8 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     for k, imposed in enumerate((scene.command.slide, scene.command.spin)):
         at = model.COMMAND + 3 * k
         par[at : at + 3] = imposed.position, imposed.velocity, imposed.force
+        at = model.DRIVE + 2 * k
+        par[at : at + 2] = imposed.max_force, imposed.approach_speed
     par[model.REST_RATE] = scene.friction.rest_rate
     par[model.LATENCY] = 0.0 if plant else _latency(scene)
     if scene.constraint == "simulator" and not plant:

@@ -11,14 +11,16 @@ import numpy as np
 from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import AUTO, TRAITS, MethodTraits
-from cylconn_ros.scene.behaviour import Friction
+from cylconn_ros.scene.behaviour import Friction, Stops
 from cylconn_ros.scene.bodies import Body
 from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import show
 
 # Parameters of limits and imposed motion, which not every method models.
 BOUNDS = ("stops.", "lock.", "command.slide.position", "command.slide.velocity",
-          "command.spin.position", "command.spin.velocity")  # fmt: skip
+          "command.slide.max_force", "command.slide.approach_speed",
+          "command.spin.position", "command.spin.velocity",
+          "command.spin.max_force", "command.spin.approach_speed")  # fmt: skip
 
 GREATEST_DELAY = 1000  # samples that a plant delays wrenches at most: it keeps them all
 
@@ -231,6 +233,76 @@ def _check_command(scene: SceneFields) -> None:
                 f"command.{name}.force = {show(imposed.force)}: must not be given with a motion "
                 f"(command.{name}.position or command.{name}.velocity)"
             )
+        limited = math.isfinite(imposed.max_force)
+        if limited and not math.isnan(imposed.force):
+            raise SceneError(
+                f"command.{name}.max_force = {show(imposed.max_force)}: must not be given with "
+                f"command.{name}.force ({show(imposed.force)}); it is the limit of a motion"
+            )
+        if limited:
+            method = scene.method
+            if method == "auto" and "unknown" in (scene.body_a.kind, scene.body_b.kind):
+                method = "penalty"
+            limit = f"command.{name}.max_force"
+            check_drive(method, limit, imposed.max_force, imposed.position)
+        if scene.method == "minimal" and not math.isnan(imposed.velocity):
+            _check_unstopped(scene, name, imposed.velocity)
+        check_within_stops(scene.stops, name, f"command.{name}.position", imposed.position)
+
+
+def check_drive(method: str, name: str, value: float, position: float) -> None:
+    """Raise :class:`SceneError` if the method has no drives with a greatest force.
+
+    A drive that does not know what it moves cannot brake in time: it has no position.
+    """
+    traits = AUTO if method == "auto" else TRAITS[method]
+    if not traits.limits_drives:
+        why = (
+            "sends no wrench, so that it has no drive"
+            if not traits.sends_wrench
+            else "has no drive that gives way; remove it, or use impulse"
+        )
+        raise SceneError(f"{name} = {show(value)}: the method {method} {why}")
+    if traits.uses_gains and not math.isnan(position):
+        raise SceneError(
+            f"{name} = {show(value)}: with the method {method} must not be given with a position "
+            f"({show(position)}), at which a drive can stop only if it knows mass and inertia; "
+            "give a velocity alone, or use impulse"
+        )
+
+
+def check_within_stops(stops: Stops, component: str, name: str, position: float) -> None:
+    """Raise :class:`SceneError` if a position of slide or spin lies beyond a stop."""
+    low, high, prefix = (
+        (stops.l_min, stops.l_max, "l")
+        if component == "slide"
+        else (stops.theta_min, stops.theta_max, "theta")
+    )
+    for stop, beyond, end, sign in (
+        (low, position < low, "min", ">="), (high, position > high, "max", "<="),
+    ):  # fmt: skip
+        if beyond:  # False if either is not set
+            raise SceneError(
+                f"{name} = {show(position)}: must be {sign} stops.{prefix}_{end} ({show(stop)}), "
+                "which cannot be passed"
+            )
+
+
+def _check_unstopped(scene: SceneFields, name: str, velocity: float) -> None:
+    """Method minimal has no drive that a stop holds back."""
+    stops = scene.stops
+    given = (
+        (("stops.l_min", stops.l_min), ("stops.l_max", stops.l_max))
+        if name == "slide"
+        else (("stops.theta_min", stops.theta_min), ("stops.theta_max", stops.theta_max))
+    )
+    for stop, value in given:
+        ahead = velocity > 0.0 if stop.endswith("max") else velocity < 0.0
+        if ahead and not math.isnan(value):
+            raise SceneError(
+                f"command.{name}.velocity = {show(velocity)}: the method minimal has no drive that "
+                f"a stop holds back, and it moves towards {stop} ({show(value)}); use impulse"
+            )
 
 
 def _check_lock(scene: SceneFields) -> None:
@@ -245,3 +317,5 @@ def _check_lock(scene: SceneFields) -> None:
             f"lock.component = {show(lock.component)}: needs a criterion, "
             "lock.position or lock.force"
         )
+    if lock.component != "none":
+        check_within_stops(scene.stops, lock.component, "lock.position", lock.position)

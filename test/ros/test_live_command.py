@@ -65,11 +65,11 @@ def test_names_in_any_order_and_alone():
         (command("slide", velocity=(1.0, 2.0)), "velocity: 2 numbers for 1 names"),
         (command("spin", effort=(math.inf,)), "effort of spin = inf: must be finite"),
         (
-            command("slide", "spin", velocity=(1.0, 1.0), effort=(NAN, 2.0)),
-            "effort of spin = 2: must not be given with a motion",
+            command("slide", "spin", velocity=(1.0, 1.0), effort=(NAN, -2.0)),
+            "effort of spin = -2: must be > 0 with a motion",
         ),
     ],
-    ids=["no name", "unknown", "twice", "too few", "too many", "infinite", "force and motion"],
+    ids=["no name", "unknown", "twice", "too few", "too many", "infinite", "negative"],
 )
 def test_invalid_command_is_refused_counted_and_diagnosed(data, text):
     loop = Loop(make())
@@ -293,3 +293,21 @@ def test_stops_and_locks_of_the_node_are_diagnosed(connector, peer):
         assert listener.states[-1].stop == ConnectorState.NO_STOP
         peer.spin_until(lambda: solution_value(listener, "locked") == "slide")
         assert "locked: slide" in listener.status("solution")[1]
+
+
+def test_a_drive_that_a_stop_holds_is_diagnosed_with_both_names():
+    loop = Loop(make(stops__l_max=0.005))
+    send(loop, "slide", velocity=(1.0,), effort=(500.0,))
+    for _ in range(40):
+        loop.step()
+    assert int(loop.pipeline.out[layout.FLAGS]) & layout.DRIVE_BLOCKED
+    statuses = reported(Monitor("c"), loop.pipeline, Recorder(), ConnectionStatus())
+    text = " ".join(status.message for status in statuses)
+    assert "the motion imposed on slide (command.slide: velocity 1) is held by stops.l_max" in text
+
+
+def test_a_position_beyond_a_stop_is_refused():
+    loop = Loop(make(stops__l_max=0.305))
+    send(loop, "slide", position=(0.4,))
+    assert loop.pipeline.health.refused == 1
+    assert "position of slide = 0.4: must be <= stops.l_max (0.305)" in loop.pipeline.health.refusal

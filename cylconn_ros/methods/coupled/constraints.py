@@ -9,16 +9,10 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.delay import correction_share, rate_share, reliable_restitution
+from cylconn_ros.core.delay import correction_share, rate_share
 from cylconn_ros.core.free_gain import update_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.joint_limits import (
-    bounds,
-    imposed_force,
-    start_imposed_motion,
-    update_lock,
-)
 from cylconn_ros.core.kinematics import Frame, Twist, relative_twist
 from cylconn_ros.core.least_norm import (
     factor_projected,
@@ -30,8 +24,10 @@ from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
 from cylconn_ros.methods import impulse
+from cylconn_ros.methods.coupled.contacts import NLIMITS, write_limits
 from cylconn_ros.methods.dispatch import begin
-from cylconn_ros.methods.free_axes.step import with_springs
+from cylconn_ros.methods.free_axes.contacts import without_stops
+from cylconn_ros.methods.free_axes.step import pose_free_axes
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes
@@ -44,11 +40,10 @@ TARGET: Final = 102  # 4
 MEASURED: Final = 106  # v1, w1 of the sample, 2
 PUSH: Final = 108  # springs, dampers, actuation: (f1, m1) = push - E w+ + x, 2
 E: Final = 110  # 2
-LOW: Final = 112  # bounds of w+, 2
-HIGH: Final = 114
-BACK: Final = 116  # the rate that restores the position that stick holds, 2
-WAS_STICK: Final = 118
-NPREPARED: Final = 119
+BACK: Final = 112  # the rate that restores the position that stick holds, 2
+WAS_STICK: Final = 114
+LIMITS: Final = 115  # 2 x NLIMITS, methods/coupled/contacts.py
+NPREPARED: Final = LIMITS + 2 * NLIMITS
 
 # --- constants of a connector in its group (NCONSTANTS,) ---
 PLACE_A: Final = 0  # number of the body among the free ones of the group; -1: none
@@ -67,6 +62,7 @@ class Arrays(NamedTuple):
     """Parts of the working memory of a step; N connectors, q = 4 N, n = 2 N."""
 
     scratch: Array  # (NMEM,) memory of a trial
+    kept: Array  # (SIZE,) numbers of a friction law
     prepared: Array  # (N, NPREPARED)
     moved: Array  # (N, 72) J~ M^-1 of A, of B
     g: Array  # (6 N, 6 N) Delassus operator
@@ -82,11 +78,6 @@ class Arrays(NamedTuple):
     forces: Array  # (n,) f1, m1 of all
     was_stick: Array  # (N,)
     rank: Array  # (1,) of the constraints
-
-
-def working_size(count: int) -> int:
-    """Length of the working memory of a group of ``count`` connectors, at least what it takes."""
-    return model.NMEM + 200 * count * count + 500 * count + 64
 
 
 @inline_function
@@ -146,24 +137,15 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
     for k in range(4):
         prepared[TARGET + k] = s.target[k]
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
-    sp = with_springs(par, mem, o, s.reduced, h, (imposed_force(par, 0), imposed_force(par, 1)))
-    component = int(par[model.LOCK])
-    locked = False
-    if component == 1:
-        locked = update_lock(par, mem, o.length, o.twist.v[0], h)
-    elif component == 2:
-        locked = update_lock(par, mem, o.angle, o.twist.w[0], h)
+    q = pose_free_axes(par, mem, o, s.reduced, h)
+    write_limits(prepared[LIMITS:], without_stops(q.b1), 0, without_stops(q.b2), 0)
     was_stick = mem[model.WAS_STICK] != 0.0
-    explicit = model.output(par).semi_implicit
-    keep, share = rate_share(par, mem, explicit), correction_share(par, mem)
-    eps = reliable_restitution(par, mem)
+    keep = rate_share(par, mem, model.output(par).semi_implicit)
+    share = correction_share(par, mem)
     for k in range(2):
         x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
-        start_imposed_motion(par, mem, k, x)
-        b = bounds(par, mem, k, x, w, h, eps, locked and component == k + 1)
-        prepared[LOW + k], prepared[HIGH + k] = b.low, b.high
         prepared[MEASURED + k] = w
-        prepared[PUSH + k], prepared[E + k] = sp.push[k], sp.e[k]
+        prepared[PUSH + k], prepared[E + k] = q.sp.push[k], q.sp.e[k]
         held = x if mem[model.STICK_SAMPLES] == 1.0 else mem[model.STICK_LENGTH + k]
         prepared[BACK + k] = share * (x - held) / h + keep * w if was_stick else 0.0
     prepared[WAS_STICK] = 1.0 if was_stick else 0.0

@@ -34,13 +34,10 @@ from cylconn_ros.core.jit import device_function, inline_function, kernel
 from cylconn_ros.core.kinematics import Twist
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.methods import impulse
-from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.coupled.constraints import (
     BACK,
-    HIGH,
-    LOW,
+    LIMITS,
     MEASURED,
-    NPREPARED,
     PUSH,
     RADIUS,
     WAS_STICK,
@@ -53,8 +50,19 @@ from cylconn_ros.methods.coupled.constraints import (
     write_delassus,
     write_moved,
 )
+from cylconn_ros.methods.coupled.contacts import (
+    HIGH,
+    LOW,
+    NLIMITS,
+    REST,
+    find_contacts,
+    has_any_stop,
+    solve_limited,
+)
+from cylconn_ros.methods.coupled.memory import parts
 from cylconn_ros.methods.dispatch import begin, finish
-from cylconn_ros.methods.free_axes.step import solve_free_axes
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.free_axes.step import complete_free_axes, pose_free_axes
 
 # --- report of a step ---
 RESIDUAL: Final = 0  # of friction and limits of all
@@ -119,9 +127,11 @@ def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
             g.s[j, i] *= r
         for i in range(q):
             g.by[i, j] *= r
-        g.low[j], g.high[j] = r * a.prepared[c, LOW + j % 2], r * a.prepared[c, HIGH + j % 2]
-        g.back[j] = r * a.prepared[c, BACK + j % 2] * g.moves[j]
-        g.before[j] = r * a.prepared[c, MEASURED + j % 2] * g.moves[j]
+        limits = LIMITS + NLIMITS * (j % 2)
+        g.slips[j] = g.moves[j] if a.prepared[c, limits + REST] == 0.0 else 0.0
+        g.low[j], g.high[j] = r * a.prepared[c, limits + LOW], r * a.prepared[c, limits + HIGH]
+        g.back[j] = r * a.prepared[c, BACK + j % 2] * g.slips[j]
+        g.before[j] = r * a.prepared[c, MEASURED + j % 2] * g.slips[j]
         g.phi[j] = g.p[j] = g.anchor[j] = 0.0
     for c in range(g.number):
         par = g.par[c]
@@ -179,7 +189,7 @@ def _reduced(a: Arrays, c: int, count: int, h: float) -> ReducedStep:
 @device_function
 def _complete(
     par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, moves: tuple[bool, bool],
-    flags: int, out: Array,
+    flags: int, prepared: Array, out: Array,
 ) -> int:  # fmt: skip
     """Complete the step of one connector, its constraints eliminated; returns the status.
 
@@ -199,7 +209,10 @@ def _complete(
         o.body_a, o.body_b, o.nodes, o.a, o.b, o.frame, free, o.length, o.angle, o.error, o.flags
     )
     update_gain(par, mem, free.v[0], free.w[0], h)
-    av = solve_free_axes(par, mem, o, r, h, model.output(par).semi_implicit)
+    q = pose_free_axes(par, mem, o, r, h)
+    explicit = model.output(par).semi_implicit
+    found = solve_limited(par, mem, o, r, q, h, explicit, prepared[LIMITS:])
+    av = complete_free_axes(par, mem, o, r, q, found, h)
     flags = impulse.write_outputs(par, mem, out, o, s, av, h, 1.0)
     store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
     out[layout.RESIDUAL] = av.solved.residual
@@ -247,6 +260,34 @@ def _write_law(par: Array, r: ReducedStep, out: Array) -> None:
 
 
 @device_function
+def _meets_stops(
+    par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array, a: Arrays,
+    g: GroupProblem, residual: float,
+) -> bool:  # fmt: skip
+    """Find the contacts of all connectors with their stops; whether there is one."""
+    count, found, known = g.number, False, False
+    for c in range(count):
+        if not has_any_stop(par[c]):
+            continue
+        if not known:
+            known = True
+            if residual > CONVERGED:
+                limit_friction(g)
+            _write_total(g, a, constants)
+        r = _reduced(a, c, count, h)
+        _fix_limit(par[c], a.kept, g, c, residual <= CONVERGED)
+        for k in range(model.NMEM):
+            a.scratch[k] = mem[c, k]
+        bounded = find_contacts(
+            par[c], a.scratch, samples[c], h, r, outs[c], a.prepared[c, LIMITS:]
+        )
+        found = found or bounded
+        for k in range(SIZE):
+            par[c, model.FRICTION + k] = a.kept[k]
+    return found
+
+
+@device_function
 def _step(
     par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array, a: Arrays,
     g: GroupProblem, report: Array,
@@ -264,6 +305,10 @@ def _step(
     off = eliminate(a, count, constants, h)
     _pose(g, a, constants, h)
     residual, steps = solve_group_friction(g, a.was_stick)
+    if _meets_stops(par, mem, samples, h, outs, constants, a, g, residual):
+        _pose(g, a, constants, h)
+        residual, taken = solve_group_friction(g, a.was_stick)
+        steps += taken
     flags = layout.CONTRADICTORY if not off * h <= CONTRADICTION else 0
     solved = residual <= CONVERGED
     if not solved:
@@ -277,10 +322,10 @@ def _step(
     for c in range(count):
         r = _reduced(a, c, count, h)
         moves = (g.moves[2 * c] != 0.0, g.moves[2 * c + 1] != 0.0)
-        _fix_limit(par[c], a.scratch, g, c, solved)
-        status = _complete(par[c], mem[c], samples[c], h, r, moves, flags, outs[c])
+        _fix_limit(par[c], a.kept, g, c, solved)
+        status = _complete(par[c], mem[c], samples[c], h, r, moves, flags, a.prepared[c], outs[c])
         for k in range(SIZE):
-            par[c, model.FRICTION + k] = a.scratch[k]
+            par[c, model.FRICTION + k] = a.kept[k]
         if status == layout.OK and model.law(par[c]).on:
             _write_law(par[c], r, outs[c])
         worst = status if worst == layout.OK else worst
@@ -307,65 +352,5 @@ def step_group(
         par: (N, size). mem: (N, NMEM), updated. samples: (N, NSAMPLE). outs: (N, NOUT).
         constants: (N, NCONSTANTS). memory: (1, working_size(N)). report: (NREPORT,).
     """
-    count = samples.shape[0]
-    work = memory[0]
-    n, q = 2 * count, 4 * count
-    at = model.NMEM
-    sizes = (
-        count * NPREPARED, 72 * count, 36 * count * count, q * q, q * q, q * q, q, q,
-        (n + 1) * q, n * n, n, n * (2 * n + 1), n, count,
-    )  # fmt: skip
-    o1 = at + sizes[0]
-    o2 = o1 + sizes[1]
-    o3 = o2 + sizes[2]
-    o4 = o3 + sizes[3]
-    o5 = o4 + sizes[4]
-    o6 = o5 + sizes[5]
-    o7 = o6 + sizes[6]
-    o8 = o7 + sizes[7]
-    o9 = o8 + sizes[8]
-    o10 = o9 + sizes[9]
-    o11 = o10 + sizes[10]
-    o12 = o11 + sizes[11]
-    o13 = o12 + sizes[12]
-    a = Arrays(
-        work[0 : model.NMEM],
-        work[at : at + count * NPREPARED].reshape((count, NPREPARED)),
-        work[o1 : o1 + count * 72].reshape((count, 72)),
-        work[o2 : o2 + 6 * count * 6 * count].reshape((6 * count, 6 * count)),
-        work[o3 : o3 + q * q].reshape((q, q)),
-        work[o4 : o4 + q * q].reshape((q, q)),
-        work[o5 : o5 + q * q].reshape((q, q)),
-        work[o6 : o6 + q],
-        work[o7 : o7 + q],
-        work[o8 : o8 + (n + 1) * q].reshape((n + 1, q)),
-        work[o9 : o9 + n * n].reshape((n, n)),
-        work[o10 : o10 + n],
-        work[o11 : o11 + n * (2 * n + 1)].reshape((n, 2 * n + 1)),
-        work[o12 : o12 + n],
-        work[o13 : o13 + count],
-        work[o13 + count : o13 + count + 1],
-    )
-    s = o13 + count + 1
-    by = s + n * n
-    m = by + q * n
-    v = m + 2 * n * (2 * n + 1)
-    w = v + 12 * n
-    u = w + 8 * count
-    g = GroupProblem(
-        count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
-        work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
-        work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
-        work[v + 5 * n : v + 6 * n], work[w + count : w + 2 * count],
-        work[w + 2 * count : w + 3 * count], work[w + 3 * count : w + 4 * count],
-        work[u + 5 * q : u + 5 * q + 1], work[u + 5 * q + 1 : u + 5 * q + 2],
-        work[v + 6 * n : v + 7 * n], work[v + 7 * n : v + 8 * n], work[v + 8 * n : v + 9 * n],
-        work[v + 9 * n : v + 10 * n], work[v + 10 * n : v + 11 * n],
-        work[v + 11 * n : v + 12 * n], work[w + 4 * count : w + 5 * count],
-        work[w + 5 * count : w + 6 * count], work[w + 6 * count : w + 7 * count],
-        work[u + q : u + 2 * q], work[u + 2 * q : u + 3 * q],
-        work[m : m + 2 * n * (2 * n + 1)].reshape((2 * n, 2 * n + 1)),
-        work[u + 3 * q : u + 4 * q], work[u + 4 * q : u + 5 * q],
-        work[u + 5 * q + 2 : u + 5 * q + 2 + n],
-    )  # fmt: skip
+    a, g = parts(memory[0], samples.shape[0], par)
     return _step(par, mem, samples, h, outs, constants, a, g, report)

@@ -37,6 +37,7 @@ from cylconn_ros.core.joint_limits import (
 from cylconn_ros.core.relative_state import RelativeState
 from cylconn_ros.methods.free_axes.complementarity import (
     BY_RULE,
+    FreeAxesSolution,
     ReducedStep,
     StepWithSprings,
     solve_case,
@@ -55,6 +56,24 @@ class StopBounds(NamedTuple):
     acceleration: float  # of the gap after it
     time: float  # from the sample to the impact, s
     continues: bool  # whether the impact has another step
+
+
+class LimitedSolution(NamedTuple):
+    """Friction and the reactions of stops, locks and drives of one step."""
+
+    solved: FreeAxesSolution
+    sides: tuple[int, int]  # -1, 1: at the lower, upper bound; -1 also at a prescribed rate
+    contacts: tuple[int, int]  # -1, 1: in contact with that stop
+    slide: StopBounds
+    spin: StopBounds
+    drive: Two  # forces of imposed motions, N and N.m
+    blocked: bool  # a stop holds a component against its imposed motion
+
+
+@inline_function
+def without_stops(b: Bounds) -> StopBounds:
+    """The bounds of a component that no stop holds."""
+    return StopBounds(b, 0.0, 0.0, 0.0, 0.0, False)
 
 
 @inline_function
@@ -182,7 +201,7 @@ def stop_bounds(
     """
     x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
     if free_gain(par, mem) < 1.0:
-        return StopBounds(lowered_contact(par, mem, k, x, w, h), 0.0, 0.0, 0.0, 0.0, False)
+        return without_stops(lowered_contact(par, mem, k, x, w, h))
     pending = abs(mem[model.PENDING_SIDE + k])
     if pending == 1.0 or (pending > 1.0 and mem[model.LAST_PERIOD] > LOST * h):
         return _second_step(par, mem, k, x, w, h, explicit)
@@ -195,7 +214,7 @@ def stop_bounds(
         target = contact_rate(par, mem, k, gap, rate, h)
         reach = REST_SHARE * abs(change) * h + ROUNDING * par[model.PULL_IN + k] * h
         if change < 0.0 and abs(gap) <= reach and is_at_rest(par, k, w, 0.0, change):
-            return StopBounds(_one_sided(both, s, target, 0, s), 0.0, 0.0, 0.0, 0.0, False)
+            return without_stops(_one_sided(both, s, target, 0, s))
         if feedback_gain(par, mem) < LEAST_FEEDBACK:
             both_now = _one_sided(both, s, target, 0, 0)
             both = (both_now.low, both_now.high)
@@ -204,7 +223,7 @@ def stop_bounds(
         if c.time < latest(h, explicit) and c.time < found.time:
             side, found = s, c
     if side == 0:
-        return StopBounds(Bounds(both[0], both[1], 0, 0), 0.0, 0.0, 0.0, 0.0, False)
+        return without_stops(Bounds(both[0], both[1], 0, 0))
 
     a1, gap, rate = -side * (end - w) / h, gap_of(par, k, x, side), -side * w
     other_fixed = b2.low == b2.high if k == 0 else b1.low == b1.high
@@ -266,8 +285,7 @@ def with_stops(
     explicit: bool, b1: Bounds, b2: Bounds, end: Two, eps: float,
 ) -> tuple[StopBounds, StopBounds]:  # fmt: skip
     """Bounds of both components; those without stops, or with a prescribed rate, keep theirs."""
-    one = StopBounds(b1, 0.0, 0.0, 0.0, 0.0, False)
-    two = StopBounds(b2, 0.0, 0.0, 0.0, 0.0, False)
+    one, two = without_stops(b1), without_stops(b2)
     if has_stops(par, 0) and b1.low != b1.high:
         one = stop_bounds(par, mem, o, r, sp, h, explicit, 0, b1, b2, end[0], eps)
     if has_stops(par, 1) and b2.low != b2.high:

@@ -14,6 +14,7 @@ from cylconn_ros.core.free_gain import lag_of, stable_damping, stable_stiffness
 from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.joint_limits import (
+    Bounds,
     Two,
     advance_imposed_motion,
     has_stops,
@@ -28,6 +29,7 @@ from cylconn_ros.core.relative_state import RelativeState
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.traction import least_traction
 from cylconn_ros.core.vectors import Vector
+from cylconn_ros.methods.drives.bounds import is_driven, is_held_against_drive, solve_driven
 from cylconn_ros.methods.free_axes.complementarity import (
     BY_RULE,
     FreeAxesSolution,
@@ -37,7 +39,12 @@ from cylconn_ros.methods.free_axes.complementarity import (
     solve_case,
     solve_with_limits,
 )
-from cylconn_ros.methods.free_axes.contacts import StopBounds, with_stops
+from cylconn_ros.methods.free_axes.contacts import (
+    LimitedSolution,
+    StopBounds,
+    with_stops,
+    without_stops,
+)
 
 
 class FreeAxes(NamedTuple):
@@ -51,6 +58,17 @@ class FreeAxes(NamedTuple):
     stop: int  # bits of ConnectorState.stop
     lock: int  # component that is locked
     restitution: float
+    flags: int  # DRIVE_BLOCKED, or 0
+
+
+class PosedFreeAxes(NamedTuple):
+    """Slide and spin before friction and the reactions of stops and drives are solved."""
+
+    sp: StepWithSprings
+    b1: Bounds  # of slide, by lock and imposed motion
+    b2: Bounds  # of spin
+    closed: tuple[bool, bool]  # held by the lock
+    eps: float
 
 
 @inline_function
@@ -61,55 +79,89 @@ def solve_free_axes(
 
     ``explicit``: semi-implicit plant, whose positions follow the end velocity.
     """
+    q = pose_free_axes(par, mem, o, r, h)
+    driven = (is_driven(par, 0, q.closed[0]), is_driven(par, 1, q.closed[1]))
+    if driven[0] or driven[1]:
+        found = solve_driven(par, mem, o, r, q.sp, h, explicit, q.b1, q.b2, q.eps, driven)
+    else:
+        found = _solve_undriven(par, mem, o, r, q, h, explicit)
+    return complete_free_axes(par, mem, o, r, q, found, h)
+
+
+@inline_function
+def pose_free_axes(
+    par: Array, mem: Array, o: RelativeState, r: ReducedStep, h: float
+) -> PosedFreeAxes:
+    """Springs, dampers, locks and imposed motion of the step; ``mem`` is updated for the latter."""
     v1, w1 = o.twist.v[0], o.twist.w[0]
-    actuation = (imposed_force(par, 0), imposed_force(par, 1))
-    sp = with_springs(par, mem, o, r, h, actuation)
+    sp = with_springs(par, mem, o, r, h, (imposed_force(par, 0), imposed_force(par, 1)))
     component = int(par[model.LOCK])
-    locked = False
+    closed1, closed2 = False, False
     if component == 1:
-        locked = update_lock(par, mem, o.length, v1, h)
+        closed1 = update_lock(par, mem, o.length, v1, h)
     elif component == 2:
-        locked = update_lock(par, mem, o.angle, w1, h)
+        closed2 = update_lock(par, mem, o.angle, w1, h)
     start_imposed_motion(par, mem, 0, o.length)
     start_imposed_motion(par, mem, 1, o.angle)
+    b1 = prescribed_rate(par, mem, 0, o.length, v1, h, closed1, sp.free[0], sp.s[0])
+    b2 = prescribed_rate(par, mem, 1, o.angle, w1, h, closed2, sp.free[1], sp.s[2])
+    return PosedFreeAxes(sp, b1, b2, (closed1, closed2), reliable_restitution(par, mem))
 
-    eps = reliable_restitution(par, mem)
-    free1, free2 = sp.free
-    b1 = prescribed_rate(par, mem, 0, o.length, v1, h, locked and component == 1, free1)
-    b2 = prescribed_rate(par, mem, 1, o.angle, w1, h, locked and component == 2, free2)
-    side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
-    free = solve_case(par, mem, o, (v1, w1), r, sp, h, explicit, side1, b1, side2, b2, BY_RULE)
-    solved, sides, restitution = free, (side1, side2), 0.0
+
+@inline_function
+def complete_free_axes(
+    par: Array, mem: Array, o: RelativeState, r: ReducedStep, q: PosedFreeAxes,
+    found: LimitedSolution, h: float,
+) -> FreeAxes:  # fmt: skip
+    """Forces by component for the solution ``found``; ``mem`` is updated for the next step."""
+    restitution = 0.0
     if has_stops(par, 0) or has_stops(par, 1):
-        slide, spin = with_stops(par, mem, o, r, sp, h, explicit, b1, b2, free.end, eps)
-        b1, b2 = slide.bounds, spin.bounds
-        is_free = side1 == 0 and side2 == 0
-        solved, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
-        restitution = _store_impact(mem, 0, slide, sides[0])
-        restitution = max(restitution, _store_impact(mem, 1, spin, sides[1]))
-
-    stop = 0
-    if not (is_motion_imposed(par, 0) or (locked and component == 1)):
-        stop |= _stop_bits(sides[0])
-    if not (is_motion_imposed(par, 1) or (locked and component == 2)):
-        stop |= _stop_bits(sides[1]) << 2
+        restitution = _store_impact(mem, 0, found.slide, found.sides[0])
+        restitution = max(restitution, _store_impact(mem, 1, found.spin, found.sides[1]))
+    solved, blocked = found.solved, found.blocked
+    lock = int(par[model.LOCK]) if q.closed[0] or q.closed[1] else 0
+    if lock != 0 and is_held_against_drive(par, mem, o, q.sp, lock - 1, h, solved.end):
+        blocked = True
     _store_friction(par, mem, o, solved, h)
     advance_imposed_motion(par, mem, h)
+    v1, w1 = o.twist.v[0], o.twist.w[0]
     k1, kr, c1, cr = _coefficients(par, mem, r, h)
     u1, ur = _elongation(par, mem, o, h)
-    end = solved.end
+    end, actuation = solved.end, (imposed_force(par, 0), imposed_force(par, 1))
     spring = (-k1 * (u1 + 0.25 * h * (v1 + end[0])), -kr * (ur + 0.25 * h * (w1 + end[1])))
     damper = (-0.5 * c1 * (v1 + end[0]), -0.5 * cr * (w1 + end[1]))
     f1 = spring[0] + damper[0] + actuation[0] + solved.friction[0] + solved.reaction[0]
     m1 = spring[1] + damper[1] + actuation[1] + solved.friction[1] + solved.reaction[1]
     mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1] = f1, m1
     for k in range(2):
-        drive = solved.reaction[k] if is_motion_imposed(par, k) else 0.0
-        mem[model.LAST_ACTUATION + k] = actuation[k] + drive
-    lock = component if locked else 0
+        moved = found.drive[k] if is_motion_imposed(par, k) else 0.0
+        mem[model.LAST_ACTUATION + k] = actuation[k] + moved
+    stop = _stop_bits(found.contacts[0]) | _stop_bits(found.contacts[1]) << 2
     return FreeAxes(
-        spring, damper, actuation, solved, reactions(r, f1, m1), stop, lock, restitution
-    )
+        spring, damper, actuation, solved, reactions(r, f1, m1), stop, lock, restitution,
+        layout.DRIVE_BLOCKED if blocked else 0,
+    )  # fmt: skip
+
+
+@inline_function
+def _solve_undriven(
+    par: Array, mem: Array, o: RelativeState, r: ReducedStep, q: PosedFreeAxes, h: float,
+    explicit: bool,
+) -> LimitedSolution:  # fmt: skip
+    """Friction and stops where no drive can be held back."""
+    rates, b1, b2 = (o.twist.v[0], o.twist.w[0]), q.b1, q.b2
+    side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
+    free = solve_case(par, mem, o, rates, r, q.sp, h, explicit, side1, b1, side2, b2, BY_RULE)
+    solved, sides = free, (side1, side2)
+    slide, spin = without_stops(b1), without_stops(b2)
+    if has_stops(par, 0) or has_stops(par, 1):
+        slide, spin = with_stops(par, mem, o, r, q.sp, h, explicit, b1, b2, free.end, q.eps)
+        is_free = side1 == 0 and side2 == 0
+        solved, sides = solve_with_limits(
+            par, mem, o, r, q.sp, h, explicit, slide.bounds, spin.bounds, free, is_free
+        )
+    contacts = (0 if side1 != 0 else sides[0], 0 if side2 != 0 else sides[1])
+    return LimitedSolution(solved, sides, contacts, slide, spin, solved.reaction, False)
 
 
 @inline_function

@@ -16,6 +16,7 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.connector.start import starts_beyond_stops
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.joint_limits import is_motion_imposed
 from cylconn_ros.core.relative_state import MAX_INPUT
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.pipeline import MessagePipeline
@@ -189,6 +190,8 @@ def solution_problems(
     if flags & layout.GAINS_LOWERED and scene.constraint == "connector":
         text = "penalty gains lowered: those in the parameters are unstable at this period"
         yield Problem(WARN, "gains", text)
+    if flags & layout.DRIVE_BLOCKED:
+        yield from _blocked_drives(connector, health)
     if flags & layout.INTEGRATION:
         seen = _INTEGRATION[scene.plant_integration]
         text = (
@@ -229,6 +232,36 @@ def latency_values(connector: Connector) -> dict[str, str]:
             _UNKNOWN if unknown else f"{connector.latency_spread:.2f}"
         ),
     }
+
+
+def _blocked_drives(connector: Connector, health: Health) -> Iterator[Problem]:
+    """Components with an imposed motion that a stop or a lock holds."""
+    scene, par = connector.scene, connector.par
+    limits = (("l_min", "l_max"), ("theta_min", "theta_max"))
+    for k, name in enumerate(("slide", "spin")):
+        if not is_motion_imposed(par, k):
+            continue
+        holding = [
+            f"stops.{stop} = {show(getattr(scene.stops, stop))}"
+            for bit, stop in enumerate(limits[k])
+            if health.stops >> (2 * k + bit) & 1
+        ]
+        if health.lock >> k & 1:
+            holding.append(f"lock.component = {show(scene.lock.component)}")
+        if not holding:
+            continue
+        at = model.COMMAND + 3 * k
+        wanted = ", ".join(
+            f"{what} {value:g}"
+            for what, value in zip(("position", "velocity"), par[at : at + 2], strict=True)
+            if not math.isnan(value)
+        )
+        text = (
+            f"the motion imposed on {name} (command.{name}: {wanted}) is held by "
+            f"{' and '.join(holding)}, which has priority; command a motion away from it, or end "
+            "the command"
+        )
+        yield Problem(WARN, f"blocked {name}", text)
 
 
 def latency_problem(connector: Connector, before: float | None) -> Iterator[Problem]:
