@@ -264,7 +264,7 @@ def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 
 
 @inline_function
-def _sticks(g: GroupProblem, c: int) -> bool:
+def sticks(g: GroupProblem, c: int) -> bool:
     """Whether friction of connector c is within its disc, s+ = -back."""
     i, j = 2 * c, 2 * c + 1
     out = math.sqrt(g.away[i] ** 2 + g.away[j] ** 2)
@@ -273,8 +273,9 @@ def _sticks(g: GroupProblem, c: int) -> bool:
 
 @device_function
 def _clear(g: GroupProblem) -> None:
-    for j in range(2 * g.number):
-        g.phi[j] = g.p[j] = g.anchor[j] = 0.0
+    n = 2 * g.number
+    for j in range(n):
+        g.phi[j] = g.p[j] = g.anchor[j] = g.anchor[n + j] = 0.0
 
 
 @device_function
@@ -311,15 +312,13 @@ def _settle(g: GroupProblem, unknowns: int, found: float) -> tuple[float, int]:
     """Remove the proximal term."""
     steps = 0
     for _ in range(4):
-        for j in range(2 * g.number):
-            g.anchor[j] = g.phi[j]
+        _store(g, g.anchor)
         found = evaluate(g, True)
         if found <= SOLVED:
             break
         found, taken = _newton(g, unknowns)
         steps += taken
-    for j in range(2 * g.number):
-        g.anchor[j] = g.phi[j]
+    _store(g, g.anchor)
     return evaluate(g, True), steps
 
 
@@ -340,7 +339,7 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
     if held:
         found, steps = _from_stick(g, was_stick, unknowns)
         for c in range(g.number):
-            if g.on[c] != 0.0 and was_stick[c] != 0.0 and not _sticks(g, c):
+            if g.on[c] != 0.0 and was_stick[c] != 0.0 and not sticks(g, c):
                 held = False
     if not held or found > ACCEPTED:
         found, taken = _from_rest(g, unknowns)
@@ -369,7 +368,7 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
 @inline_function
 def _kept_share(g: GroupProblem, c: int) -> float:
     """s-.s+ / |s-|^2: slip goes on in its direction if it is above 1/4."""
-    if _sticks(g, c):
+    if sticks(g, c):
         return 0.0
     i, j = 2 * c, 2 * c + 1
     x, y = g.before[i], g.before[j]

@@ -17,7 +17,9 @@ The radii depend on the unknowns: a quasi-variational inequality. As a fixed poi
 Where several connectors stick, the friction of each can be undetermined. A term EPSILON m (phi -
 phi_0) is added to s^, m the mobility of the connector's bodies in translation: with phi_0 = 0 it
 selects the friction of least norm that the discs admit; then phi_0 is the solution itself, so that
-nothing of the term remains (proximal point method). Stops are without it: they take what they can.
+nothing of the term remains (proximal point method). With the same term on p, several stops share
+their load equally. Friction takes no share of what is at rest at a stop or a lock: there ``slips``
+is 0, also for components of other connectors that cannot move without it.
 """
 
 import math
@@ -53,7 +55,7 @@ class GroupProblem(NamedTuple):
     sharp: Array  # (1,) not 0: its mobility takes the place of g_c
     phi: Array  # (2 N,) the solution
     p: Array  # (2 N,)
-    anchor: Array  # (2 N,) phi_0
+    anchor: Array  # (4 N,) phi_0, p_0
     end: Array  # (2 N,) s+
     size: Array  # (2 N,) sum of the absolute values of the terms of s+
     away: Array  # (2 N,) the point that is projected on the disc
@@ -103,9 +105,15 @@ def evaluate(g: GroupProblem, follow: bool) -> float:
 
 
 @inline_function
+def _softness(g: GroupProblem, j: int) -> float:
+    """Factor of the proximal term of the reaction p_j."""
+    return float(g.epsilon[0] * g.mobility[j // 2])
+
+
+@inline_function
 def _bound_residual(g: GroupProblem, j: int) -> float:
     n, gain = 2 * g.number, g.s[j, j]
-    p, rate = g.p[j], g.end[j]
+    p, rate = g.p[j], g.end[j] + _softness(g, j) * (g.p[j] - g.anchor[n + j])
     taken = max(0.0, p - (rate - g.low[j]) / gain) + min(0.0, p - (rate - g.high[j]) / gain)
     g.residual[n + j] = p - taken
     size = g.size[j]
@@ -228,11 +236,13 @@ def linearise(g: GroupProblem, unknowns: int, follow: bool) -> None:
 @inline_function
 def _linearise_bound(g: GroupProblem, row: int, j: int, unknowns: int) -> None:
     n, gain, p = 2 * g.number, g.s[j, j], g.p[j]
-    taken = p - (g.end[j] - g.low[j]) / gain > 0.0 or p - (g.end[j] - g.high[j]) / gain < 0.0
+    soft = _softness(g, j)
+    rate = g.end[j] + soft * (p - g.anchor[n + j])
+    taken = p - (rate - g.low[j]) / gain > 0.0 or p - (rate - g.high[j]) / gain < 0.0
     for column in range(unknowns):
         k = int(g.listed[column])
         if taken:
-            g.matrix[row, column] = g.s[j, k % n] / gain
+            g.matrix[row, column] = g.s[j, k % n] / gain + (soft / gain if k == n + j else 0.0)
         else:
             g.matrix[row, column] = 1.0 if k == n + j else 0.0
     g.matrix[row, unknowns] = -g.residual[n + j]

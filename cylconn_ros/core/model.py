@@ -89,7 +89,7 @@ PREDICTED_SAMPLE: Final = 117  # the sample predicted for the time of action (co
 LAST_SAMPLE: Final = PREDICTED_SAMPLE + 38
 LAST_SAMPLE_END: Final = LAST_SAMPLE + 38
 ANGULAR_MOMENTUM: Final = LAST_SAMPLE_END  # 2 x 3, about the mass centres at the last sample
-LAST_LOADS: Final = ANGULAR_MOMENTUM + 6  # 2 x 6, loads of the last sample about the mass centres,
+LAST_LOADS: Final = ANGULAR_MOMENTUM + 6  # 2 x 6, loads of the last sample about the origins,
 #                                           world axes
 SWING: Final = LAST_LOADS + 12  # the held swing S as a quaternion, 4
 JUMPED: Final = SWING + 4  # whether a body jumped in the last interval (core/passivity.py)

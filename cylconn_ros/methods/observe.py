@@ -4,7 +4,8 @@ No wrench is sent. The force and torque on a body of known inertia over the last
 t_k - dt to t_k, in addition to gravity and its load, are
 
     F = m (v_k - v_(k-1))/dt - m g - load           about its mass centre, world axes
-    T = (L_k - L_(k-1))/dt - torque of the load     L = I w, in the axes of each sample
+    T = (L_k - L_(k-1))/dt - torque of the load     L = I w, in the axes of each sample;
+                                                    the load's at the middle
 
 and the connector's wrench is F, T transferred to node b in the configuration at the middle of the
 interval. If both inertias are known, the two estimates are weighted by 1/m^2, since velocity noise
@@ -39,7 +40,7 @@ from cylconn_ros.core.vectors import (
 
 
 class PreviousSample(NamedTuple):
-    """A body at the previous sample and the load held since, at its mass centre, world axes."""
+    """A body at the previous sample and the load held since, at its origin, world axes."""
 
     com: Vector
     spin: Vector
@@ -69,13 +70,11 @@ def _store_sample(mem: Array, k: int, body: Body, m: Motion, sample: Array) -> N
     """Store momentum and load for the next sample, in addition to what `measure` stores."""
     axes = matrix(m.orientation)
     load = layout.A_LOAD + 6 * k
-    push = model.vector(sample, load)
-    turn = sub(model.vector(sample, load + 3), cross(out_of(axes, body.com), push))
     model.write_vector(
         mem, model.ANGULAR_MOMENTUM + 3 * k, out_of(axes, times(body.inertia, into(axes, m.spin)))
     )
-    model.write_vector(mem, model.LAST_LOADS + 6 * k, push)
-    model.write_vector(mem, model.LAST_LOADS + 6 * k + 3, turn)
+    model.write_vector(mem, model.LAST_LOADS + 6 * k, model.vector(sample, load))
+    model.write_vector(mem, model.LAST_LOADS + 6 * k + 3, model.vector(sample, load + 3))
 
 
 @inline_function
@@ -93,15 +92,20 @@ def _inverse_dynamics(
     body: Body,
     m: Motion,
     before: PreviousSample,
+    middle: Motion,
     arm: Vector,
     dt: float,
 ) -> tuple[Vector, Vector]:
-    """Force and moment at node b on body A (k = 0) or B (1), whose mass centre is ``arm`` away."""
+    """Force and moment at node b on body A (k = 0) or B (1), whose mass centre is ``arm`` away.
+
+    ``middle``: the configuration in which the held load acts at the origin of the body.
+    """
     force = scale(body.mass / dt, sub(m.velocity, before.velocity))
     force = add_scaled(force, -body.mass, model.vector(par, model.GRAVITY))
     force = sub(force, before.push)
     gained = sub(model.vector(mem, model.ANGULAR_MOMENTUM + 3 * k), before.momentum)
-    turn = sub(scale(1.0 / dt, gained), before.turn)
+    load = sub(before.turn, cross(out_of(matrix(middle.orientation), body.com), before.push))
+    turn = sub(scale(1.0 / dt, gained), load)
     return force, sub(turn, cross(arm, force))
 
 
@@ -120,14 +124,15 @@ def step(par: Array, mem: Array, sample: Array, _h: float, out: Array) -> int:
     if not (began and dt > 0.0):
         return o.flags
 
-    f = frame(o.nodes, _mid_configuration(o.a, a, dt), _mid_configuration(o.b, b, dt))
+    middle_a, middle_b = _mid_configuration(o.a, a, dt), _mid_configuration(o.b, b, dt)
+    f = frame(o.nodes, middle_a, middle_b)
     force, moment, weight = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
     if body_b.free:
-        push, turn = _inverse_dynamics(par, mem, 1, body_b, o.b, b, f.arm_b, dt)
+        push, turn = _inverse_dynamics(par, mem, 1, body_b, o.b, b, middle_b, f.arm_b, dt)
         weight = 1.0 / (body_b.mass * body_b.mass)
         force, moment = scale(weight, push), scale(weight, turn)
     if body_a.free:
-        push, turn = _inverse_dynamics(par, mem, 0, body_a, o.a, a, f.arm_a, dt)
+        push, turn = _inverse_dynamics(par, mem, 0, body_a, o.a, a, middle_a, f.arm_a, dt)
         share = 1.0 / (body_a.mass * body_a.mass)
         weight += share
         force, moment = add_scaled(force, -share, push), add_scaled(moment, -share, turn)

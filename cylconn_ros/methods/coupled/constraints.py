@@ -12,6 +12,7 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import correction_share, rate_share
 from cylconn_ros.core.free_gain import update_gain
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.group_problem import GroupProblem
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import Frame, Twist, relative_twist
 from cylconn_ros.core.least_norm import (
@@ -24,7 +25,7 @@ from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
 from cylconn_ros.methods import impulse
-from cylconn_ros.methods.coupled.contacts import NLIMITS, write_limits
+from cylconn_ros.methods.coupled.contacts import NLIMITS, NSOLUTION, rounding, write_limits
 from cylconn_ros.methods.dispatch import begin
 from cylconn_ros.methods.free_axes.contacts import without_stops
 from cylconn_ros.methods.free_axes.step import pose_free_axes
@@ -43,7 +44,8 @@ E: Final = 110  # 2
 BACK: Final = 112  # the rate that restores the position that stick holds, 2
 WAS_STICK: Final = 114
 LIMITS: Final = 115  # 2 x NLIMITS, methods/coupled/contacts.py
-NPREPARED: Final = LIMITS + 2 * NLIMITS
+SOLUTION: Final = LIMITS + 2 * NLIMITS  # NSOLUTION, the group's
+NPREPARED: Final = SOLUTION + NSOLUTION
 
 # --- constants of a connector in its group (NCONSTANTS,) ---
 PLACE_A: Final = 0  # number of the body among the free ones of the group; -1: none
@@ -138,7 +140,7 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
         prepared[TARGET + k] = s.target[k]
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     q = pose_free_axes(par, mem, o, s.reduced, h)
-    write_limits(prepared[LIMITS:], without_stops(q.b1), 0, without_stops(q.b2), 0)
+    write_limits(prepared[LIMITS:], o, h, without_stops(q.b1), 0, without_stops(q.b2), 0)
     was_stick = mem[model.WAS_STICK] != 0.0
     keep = rate_share(par, mem, model.output(par).semi_implicit)
     share = correction_share(par, mem)
@@ -147,7 +149,8 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
         prepared[MEASURED + k] = w
         prepared[PUSH + k], prepared[E + k] = q.sp.push[k], q.sp.e[k]
         held = x if mem[model.STICK_SAMPLES] == 1.0 else mem[model.STICK_LENGTH + k]
-        prepared[BACK + k] = share * (x - held) / h + keep * w if was_stick else 0.0
+        back = share * (x - held) / h + keep * w if was_stick else 0.0
+        prepared[BACK + k] = back if abs(back) > rounding(o, k) / h else 0.0
     prepared[WAS_STICK] = 1.0 if was_stick else 0.0
     return layout.OK
 
@@ -293,10 +296,13 @@ def constraint_residual(a: Arrays, count: int, outs: Array, constants: Array, h:
 
 
 @device_function
-def change(a: Arrays, count: int, outs: Array, constants: Array) -> float:
-    """How much the completed steps differ from the solution of the group, relative."""
+def change(a: Arrays, g: GroupProblem, outs: Array, constants: Array) -> float:
+    """How much the completed steps differ from the solution of the group, relative.
+
+    Relative to the greatest force, and to one that changes a rate by its own terms.
+    """
     worst, greatest = 0.0, 0.0
-    for j in range(2 * count):
+    for j in range(2 * g.number):
         c, k = j // 2, j % 2
         r = constants[c, RADIUS] if k == 1 else 1.0
         f = outs[c, layout.FORCE if k == 0 else layout.MOMENT] / r
@@ -306,7 +312,7 @@ def change(a: Arrays, count: int, outs: Array, constants: Array) -> float:
             + outs[c, layout.FORCE + 2] ** 2
             + (outs[c, layout.MOMENT + 1] ** 2 + outs[c, layout.MOMENT + 2] ** 2) / (arm * arm)
         )
-        greatest = max(greatest, abs(f), normal)
+        greatest = max(greatest, abs(f), normal, g.size[j] / g.gain[c])
         if a.a[j, j] > 0.0:
             worst = max(worst, abs(f - a.forces[j] / r))
     return worst / greatest if greatest > 0.0 else 0.0

@@ -15,10 +15,12 @@ from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import Bounds, has_stops
 from cylconn_ros.core.relative_state import RelativeState, measure
+from cylconn_ros.core.vectors import norm
 from cylconn_ros.methods.dispatch import begin
 from cylconn_ros.methods.drives.bounds import clipped, differs, drive_share, is_driven
 from cylconn_ros.methods.free_axes.complementarity import (
     BY_RULE,
+    FreeAxesSolution,
     ReducedStep,
     solve_case,
     solve_with_limits,
@@ -42,16 +44,44 @@ CONTINUES: Final = 8
 CONTACT: Final = 9  # the stop that holds an imposed motion back
 NLIMITS: Final = 10
 
+# --- solution of the group for one connector ---
+END: Final = 0  # w+, 2
+FRICTION: Final = 2  # 2
+REACTION: Final = 4  # 2
+REGIME: Final = 6
+NSOLUTION: Final = 7
+
+AGREES: Final = 1e-6  # relative difference of a step from the group's solution that is rounding
+SHARED: Final = 1e-6  # relative difference from a target that another stop with the same one leaves
+ROUNDING: Final = 1e-15  # relative, of measured positions
+
+
+@inline_function
+def rounding(o: RelativeState, k: int) -> float:
+    """Rounding of a measured slide (k = 0, m) or spin (k = 1, rad).
+
+    Positions that several connectors hold differ by no less, and would set them against each other.
+    """
+    if k == 1:
+        return ROUNDING * (1.0 + abs(o.angle))
+    arms = norm(o.frame.arm_a) + norm(o.frame.arm_b)
+    return ROUNDING * (abs(o.length) + norm(o.a.com) + norm(o.b.com) + arms)
+
 
 @inline_function
 def write_limits(
-    limits: Array, slide: StopBounds, contact1: int, spin: StopBounds, contact2: int
-) -> None:
+    limits: Array, o: RelativeState, h: float,
+    slide: StopBounds, contact1: int, spin: StopBounds, contact2: int,
+) -> None:  # fmt: skip
     """Write ``limits`` (2 NLIMITS,)."""
     for k in range(2):
         c, contact = (slide, contact1) if k == 0 else (spin, contact2)
         at = k * NLIMITS
         limits[at + LOW], limits[at + HIGH] = c.bounds.low, c.bounds.high
+        if c.bounds.rest != 0:
+            for bound in (LOW, HIGH):
+                if abs(limits[at + bound]) <= rounding(o, k) / h:
+                    limits[at + bound] = 0.0
         limits[at + REST], limits[at + IMPACT] = c.bounds.rest, c.bounds.impact
         limits[at + RESTITUTION], limits[at + REBOUND] = c.restitution, c.rebound
         limits[at + ACCELERATION], limits[at + TIME] = c.acceleration, c.time
@@ -94,7 +124,7 @@ def find_contacts(
         slide, contact1 = clipped(par, mem, o, r, q.sp, h, explicit, 0, b1, b2, q.eps)
     if is_driven(par, 1, q.closed[1]):
         spin, contact2 = clipped(par, mem, o, r, q.sp, h, explicit, 1, b1, b2, q.eps)
-    write_limits(limits, slide, contact1, spin, contact2)
+    write_limits(limits, o, h, slide, contact1, spin, contact2)
     return _bounds(slide.bounds, side1, contact1) or _bounds(spin.bounds, side2, contact2)
 
 
@@ -102,6 +132,49 @@ def find_contacts(
 def _bounds(b: Bounds, side: int, contact: int) -> bool:
     """Whether a component is bounded by a stop: not by the rate alone that is prescribed for it."""
     return contact != 0 or (side == 0 and (b.low > -math.inf or b.high < math.inf))
+
+
+@inline_function
+def _kept_side(c: StopBounds, side: int, rate: float) -> int:
+    """The side of a component in an impact: also without a force, where another stop bears it."""
+    if side != 0 or c.bounds.impact == 0:
+        return side
+    target = c.bounds.low if c.bounds.impact < 0 else c.bounds.high
+    return c.bounds.impact if abs(rate - target) <= SHARED * (abs(target) + c.rebound) else 0
+
+
+@inline_function
+def _pushing(reaction: float) -> int:
+    """The stop that a reaction belongs to: -1 the lower, 1 the upper."""
+    if reaction > 0.0:
+        return -1
+    return 1 if reaction < 0.0 else 0
+
+
+@inline_function
+def _agree(s: FreeAxesSolution, group: Array, q: PosedFreeAxes) -> bool:
+    """Whether a step has the forces of the group's solution."""
+    for k in range(2):
+        mobility = q.sp.s[0] if k == 0 else q.sp.s[2]
+        given = group[FRICTION + k] + group[REACTION + k]
+        size = abs(given) + abs(s.friction[k]) + abs(s.reaction[k])
+        if mobility > 0.0:
+            size += (abs(q.sp.free[k]) + abs(s.end[k])) / mobility
+        if abs(s.friction[k] + s.reaction[k] - given) > AGREES * size:
+            return False
+    return True
+
+
+@inline_function
+def _of_group(s: FreeAxesSolution, group: Array) -> FreeAxesSolution:
+    """The group's solution in place of ``s``."""
+    regime = s.regime if s.regime == layout.FRICTIONLESS else int(group[REGIME])
+    return FreeAxesSolution(
+        (group[END], group[END + 1]),
+        (group[FRICTION], group[FRICTION + 1]),
+        (group[REACTION], group[REACTION + 1]),
+        regime, s.flags, s.s_mean, s.residual,
+    )  # fmt: skip
 
 
 @inline_function
@@ -113,9 +186,13 @@ def has_any_stop(par: Array) -> bool:
 @inline_function
 def solve_limited(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, q: PosedFreeAxes, h: float,
-    explicit: bool, limits: Array,
+    explicit: bool, limits: Array, group: Array,
 ) -> LimitedSolution:  # fmt: skip
-    """The step of a connector within the bounds that its group found."""
+    """The step of a connector within the bounds that its group found, with the others known.
+
+    ``group``: (NSOLUTION,) the group's solution. It is taken where the step, to which friction may
+    offer several solutions, has another one: only together do they satisfy the constraints.
+    """
     slide, spin = _read_limits(limits, 0), _read_limits(limits, 1)
     contact1, contact2 = int(limits[CONTACT]), int(limits[NLIMITS + CONTACT])
     b1, b2 = slide.bounds, spin.bounds
@@ -126,16 +203,23 @@ def solve_limited(
     if has_any_stop(par):
         is_free = side1 == 0 and side2 == 0
         solved, sides = solve_with_limits(par, mem, o, r, q.sp, h, explicit, b1, b2, free, is_free)
+    if not _agree(solved, group, q):
+        solved = _of_group(solved, group)
+        sides = (
+            side1 if side1 != 0 else _pushing(group[REACTION]),
+            side2 if side2 != 0 else _pushing(group[REACTION + 1]),
+        )
+    sides = (_kept_side(slide, sides[0], solved.end[0]), _kept_side(spin, sides[1], solved.end[1]))
     f, g = solved.reaction
     blocked, d1, d2 = False, f, g
     if is_driven(par, 0, q.closed[0]):
         blocked = contact1 != 0 and differs(par, 0, q.b1.low, solved.end[0])
         d1 = drive_share(0, math.inf, contact1, f)
     elif q.b1.low != q.b1.high:
-        contact1 = sides[0]
+        contact1 = sides[0] if f != 0.0 else 0
     if is_driven(par, 1, q.closed[1]):
         blocked = blocked or (contact2 != 0 and differs(par, 1, q.b2.low, solved.end[1]))
         d2 = drive_share(0, math.inf, contact2, g)
     elif q.b2.low != q.b2.high:
-        contact2 = sides[1]
+        contact2 = sides[1] if g != 0.0 else 0
     return LimitedSolution(solved, sides, (contact1, contact2), slide, spin, (d1, d2), blocked)

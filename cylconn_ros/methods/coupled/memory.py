@@ -57,18 +57,18 @@ def parts(work: Array, count: int, par: Array) -> tuple[Arrays, GroupProblem]:
     by = s + n * n
     m = by + q * n
     v = m + 2 * n * (2 * n + 1)
-    w = v + 13 * n
+    w = v + 14 * n
     u = w + 8 * count
     g = GroupProblem(
         count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
         work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
         work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
-        work[v + 5 * n : v + 6 * n], work[v + 12 * n : v + 13 * n],
+        work[v + 5 * n : v + 6 * n], work[v + 8 * n : v + 9 * n],
         work[w + count : w + 2 * count],
         work[w + 2 * count : w + 3 * count], work[w + 3 * count : w + 4 * count],
         work[u + 5 * q : u + 5 * q + 1], work[u + 5 * q + 1 : u + 5 * q + 2],
-        work[v + 6 * n : v + 7 * n], work[v + 7 * n : v + 8 * n], work[v + 8 * n : v + 9 * n],
-        work[v + 9 * n : v + 10 * n], work[v + 10 * n : v + 11 * n],
+        work[v + 6 * n : v + 7 * n], work[v + 7 * n : v + 8 * n],
+        work[v + 12 * n : v + 14 * n], work[v + 9 * n : v + 10 * n], work[v + 10 * n : v + 11 * n],
         work[v + 11 * n : v + 12 * n], work[w + 4 * count : w + 5 * count],
         work[w + 5 * count : w + 6 * count], work[w + 6 * count : w + 7 * count],
         work[u + q : u + 2 * q], work[u + 2 * q : u + 3 * q],

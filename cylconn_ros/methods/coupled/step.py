@@ -29,6 +29,7 @@ from cylconn_ros.core.group_friction import (
     GroupProblem,
     limit_friction,
     solve_group_friction,
+    sticks,
 )
 from cylconn_ros.core.jit import device_function, inline_function, kernel
 from cylconn_ros.core.kinematics import Twist
@@ -40,6 +41,7 @@ from cylconn_ros.methods.coupled.constraints import (
     MEASURED,
     PUSH,
     RADIUS,
+    SOLUTION,
     WAS_STICK,
     Arrays,
     E,
@@ -51,9 +53,13 @@ from cylconn_ros.methods.coupled.constraints import (
     write_moved,
 )
 from cylconn_ros.methods.coupled.contacts import (
+    END,
+    FRICTION,
     HIGH,
     LOW,
     NLIMITS,
+    REACTION,
+    REGIME,
     REST,
     find_contacts,
     has_any_stop,
@@ -72,6 +78,7 @@ NREPORT: Final = 3
 
 CONTRADICTION: Final = 1e-5  # m in a step, by which constraints may contradict each other
 AT_REST: Final = 1e-12  # slip over the terms that make it up
+HELD: Final = 1e-9  # relative mobility; below it what is at rest holds a component
 CONVERGED: Final = 1e-9  # residual of a solution
 
 
@@ -128,11 +135,14 @@ def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
         for i in range(q):
             g.by[i, j] *= r
         limits = LIMITS + NLIMITS * (j % 2)
-        g.slips[j] = g.moves[j] if a.prepared[c, limits + REST] == 0.0 else 0.0
+        g.slips[j] = g.moves[j]
         g.low[j], g.high[j] = r * a.prepared[c, limits + LOW], r * a.prepared[c, limits + HIGH]
+        g.phi[j] = g.p[j] = g.anchor[j] = g.anchor[n + j] = 0.0
+    _rest(g, a)
+    for j in range(n):
+        c, r = j // 2, constants[j // 2, RADIUS] if j % 2 == 1 else 1.0
         g.back[j] = r * a.prepared[c, BACK + j % 2] * g.slips[j]
         g.before[j] = r * a.prepared[c, MEASURED + j % 2] * g.slips[j]
-        g.phi[j] = g.p[j] = g.anchor[j] = 0.0
     for c in range(g.number):
         par = g.par[c]
         mobility = (par[model.BODY_A + 2] if par[model.BODY_A] != 0.0 else 0.0) + (
@@ -147,6 +157,35 @@ def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
 
 
 @inline_function
+def _rest(g: GroupProblem, a: Arrays) -> None:
+    """Set ``slips`` to 0 for what is at rest at a stop or a lock, and what that holds in place.
+
+    The mobility that remains is that of the others after elimination of the components at rest.
+    """
+    n = 2 * g.number
+    for i in range(n):
+        for j in range(n):
+            g.matrix[i, j] = g.s[i, j]
+    found = False
+    for k in range(n):
+        resting = a.prepared[k // 2, LIMITS + NLIMITS * (k % 2) + REST] != 0.0
+        if resting and g.moves[k] != 0.0:
+            found = True
+            g.slips[k] = 0.0
+            if g.matrix[k, k] > HELD * g.s[k, k]:
+                for i in range(n):
+                    share = g.matrix[i, k] / g.matrix[k, k]
+                    for j in range(n):
+                        if i != k and j != k:
+                            g.matrix[i, j] -= share * g.matrix[k, j]
+                for i in range(n):
+                    g.matrix[i, k] = g.matrix[k, i] = 0.0
+    for k in range(n):
+        if found and g.matrix[k, k] <= HELD * g.s[k, k]:
+            g.slips[k] = 0.0
+
+
+@inline_function
 def _write_total(g: GroupProblem, a: Arrays, constants: Array) -> None:
     """(f1, m1) of all for the solution."""
     for j in range(2 * g.number):
@@ -155,6 +194,10 @@ def _write_total(g: GroupProblem, a: Arrays, constants: Array) -> None:
         rate = g.end[j] / r
         a.forces[j] = a.prepared[c, PUSH + k] - a.prepared[c, E + k] * rate
         a.forces[j] += r * (g.phi[j] + g.p[j])
+        a.prepared[c, SOLUTION + END + k] = rate
+        a.prepared[c, SOLUTION + FRICTION + k] = r * g.phi[j]
+        a.prepared[c, SOLUTION + REACTION + k] = r * g.p[j]
+        a.prepared[c, SOLUTION + REGIME] = layout.STICK if sticks(g, c) else layout.SLIP
 
 
 @inline_function
@@ -211,7 +254,7 @@ def _complete(
     update_gain(par, mem, free.v[0], free.w[0], h)
     q = pose_free_axes(par, mem, o, r, h)
     explicit = model.output(par).semi_implicit
-    found = solve_limited(par, mem, o, r, q, h, explicit, prepared[LIMITS:])
+    found = solve_limited(par, mem, o, r, q, h, explicit, prepared[LIMITS:], prepared[SOLUTION:])
     av = complete_free_axes(par, mem, o, r, q, found, h)
     flags = impulse.write_outputs(par, mem, out, o, s, av, h, 1.0)
     store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
@@ -331,7 +374,7 @@ def _step(
         worst = status if worst == layout.OK else worst
     if worst != layout.OK:
         return worst
-    moved = change(a, count, outs, constants)
+    moved = change(a, g, outs, constants)
     residual = max(residual, moved, constraint_residual(a, count, outs, constants, h))
     for c in range(count):
         outs[c, layout.RESIDUAL] = max(outs[c, layout.RESIDUAL], residual)
