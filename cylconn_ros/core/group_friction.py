@@ -36,6 +36,7 @@ _LAST_SWEEPS: Final = 100
 _WAYS: Final = 5
 _DECREASE: Final = 0.03  # of the proximal term
 _MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
+_CONTRADICTS: Final = 1e-4  # of a rate
 _AT_REST: Final = 1e-12  # excess over the limit that is still stick, relative
 
 
@@ -360,9 +361,24 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
             found, taken = _from_rest(g, unknowns)
             steps += taken
     if found <= ACCEPTED:
+        against = _contradiction(g)
+        if against > _CONTRADICTS:
+            return against, steps
         found, taken = _settle(g, unknowns, found)
         steps += taken
     return found, steps
+
+
+@inline_function
+def _contradiction(g: GroupProblem) -> float:
+    """The part of a rate, relative, by which the proximal term reconciles bounds of s+."""
+    n, worst = 2 * g.number, 0.0
+    for j in range(n):
+        if g.p[j] != 0.0:
+            size = abs(g.free[j]) + abs(g.low[j] if g.p[j] > 0.0 else g.high[j])
+            left = g.epsilon[0] * g.mobility[j // 2] * abs(g.p[j] - g.anchor[n + j])
+            worst = max(worst, left / size if size > 0.0 else 0.0)
+    return worst
 
 
 @inline_function

@@ -33,9 +33,7 @@ ALLOWED_RISE = 5e-3  # of the kinetic energy
 TOLERANCE = 1e-6  # of the energy exchanged
 SLACK = 1e-4  # of the bounds: two integrators of fourth order
 LEAST_TURN = 0.05  # rad, at the mean of the least and the greatest radius of gyration
-MOST_TURN = (
-    10.0  # rad by which a body may turn in a step: beyond, the integrators do not resolve it
-)
+MOST_TURN = 3.0  # rad by which a body may turn in a step: beyond, it is not resolved
 WITHOUT_STOPS = True  # leave out the steps in which a stop acts
 
 
@@ -92,6 +90,9 @@ def gains(block: Block, o: SampleState, s: Step) -> Gains:
         turn = np.maximum(a.turn, b.turn)
         far = p.h * np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin)) * _arm_ratio(p, o)
         applies = (far > LEAST_TURN) & (turn < MOST_TURN) & np.isfinite(gain)
+        # the reaction of a drive that a stop can hold back is not all its own
+        held_back = np.isfinite(p.stops).any(axis=2) & p.imposed
+        applies &= ~held_back.any(axis=1)
     if WITHOUT_STOPS:
         applies &= (out[:, layout.STOP] == 0) & (out[:, layout.RESTITUTION] == 0.0)
     return Gains(gain, exchanged, bound, applies)

@@ -66,7 +66,8 @@ def _status_residual(p: Parameters, out: Array, b: Bounds) -> Array:
     locks = np.array([1.0, 2.0])
     wrong = out[:, layout.LOCK] != (b.locked * locks).sum(axis=1)
     coefficient = out[:, layout.RESTITUTION]
-    wrong |= (coefficient > 0.0) & (b.impact == 0.0).all(axis=1)
+    judged = ~driven(p, b).any(axis=1)
+    wrong |= judged & (coefficient > 0.0) & (b.impact == 0.0).all(axis=1)
     wrong |= (coefficient < 0.0) | (coefficient > p.restitution)
     return np.where(wrong, np.inf, 0.0)
 
