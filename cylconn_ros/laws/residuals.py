@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import never_gains
 from cylconn_ros.laws.balance import component_residual, wrench_residual
+from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
 from cylconn_ros.laws.explicit_methods import augmented_lagrangian, baumgarte, penalty
 from cylconn_ros.laws.guarantees import guaranteed_laws
 from cylconn_ros.laws.normalised import Block, ratio, worst
-from cylconn_ros.laws.parameters import Parameters
+from cylconn_ros.laws.parameters import Bools, Parameters
 from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.sample_state import SampleState, state_of
 from cylconn_ros.laws.slip import friction_laws
@@ -60,7 +61,7 @@ def impulse(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     components = component_residual(p, o, s, out, end, end_size)
     return {
         "constraint": constraint(s, end, end_size),
-        **friction_laws(block, o, s, end, end_size, reactions, b.rests(out)),
+        **friction_laws(block, o, s, end, end_size, reactions, _rests(p, out, b)),
         "stops": stops(block, o, s, b, end, end_size),
         "balance": np.maximum(wrench_residual(p, o, s, out, weakened=True), components),
     }
@@ -73,6 +74,13 @@ RESIDUALS: dict[str, Callable[[Block, SampleState, Step], dict[str, Array]]] = {
     "augmented_lagrangian": augmented_lagrangian,
 }
 """Residuals of a block by method, for the methods that compute the wrench of a sample."""
+
+
+def _rests(p: Parameters, out: Array, b: Bounds) -> Bools:
+    """(n, 2) what a bound holds at rest; at a stop beside a drive, what the outputs say rests."""
+    sticks = out[:, layout.REGIME] == layout.STICK
+    beside = driven(p, b) & (stop_sides(out) != 0.0) & sticks[:, None]
+    return np.asarray(b.rests(out) | beside)
 
 
 def wrench_size(p: Parameters, o: SampleState, s: Step, out: Array, end: Array) -> Array:

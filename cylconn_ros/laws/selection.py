@@ -98,6 +98,7 @@ def check(block: Block) -> SelectionCheck:
     rows = p.on & (q.condition < WORST_CONDITION) & ~b.ambiguous & ~driven(p, b).any(axis=1)
     even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
     rows &= even | held.any(axis=1)
+    rows &= ~rests.all(axis=1)  # friction has no share there: the law of stops
     index = np.flatnonzero(rows)
     q = q.take(index)
     given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
@@ -183,7 +184,8 @@ def _check_restitution(block: Block, o: SampleState, s: Step, b: Bounds) -> tupl
     """(n,) checked impacts, and those whose coefficient is not the largest allowed."""
     p, given = block.parameters, block.out[:, layout.RESTITUTION]
     one = b.begins.any(axis=1) & ((b.impact != 0.0).sum(axis=1) == 1)
-    checked = np.asarray(one & ~b.ambiguous & ~b.bilateral.any(axis=1))
+    acts = ((b.impact != 0.0) & (stop_sides(block.out) == b.impact)).any(axis=1)  # not: stick did
+    checked = np.asarray(one & acts & ~b.ambiguous & ~b.bilateral.any(axis=1))
     index = np.flatnonzero(checked)
     wrong = np.zeros_like(checked)
     if not len(index):
