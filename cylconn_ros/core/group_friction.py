@@ -20,6 +20,7 @@ from cylconn_ros.core.group_problem import (
     evaluate,
     linearise,
     list_unknowns,
+    reaction_at,
     shift,
 )
 from cylconn_ros.core.jit import device_function, inline_function
@@ -94,9 +95,7 @@ def _sweep(g: GroupProblem) -> None:
     for c in range(g.number):
         for j in (2 * c, 2 * c + 1):
             if g.moves[j] != 0.0 and (g.low[j] > -math.inf or g.high[j] < math.inf):
-                rate, gain, p = _rate(g, j), g.s[j, j], g.p[j]
-                g.p[j] = max(0.0, p - (rate - g.low[j]) / gain)
-                g.p[j] += min(0.0, p - (rate - g.high[j]) / gain)
+                g.p[j] = reaction_at(g, j, g.p[j], _rate(g, j))
         if g.on[c] != 0.0:
             i, j = 2 * c, 2 * c + 1
             x, y = _rate(g, i) + shift(g, i), _rate(g, j) + shift(g, j)

@@ -8,6 +8,7 @@ drive. For n = 2 N components
     c_c = base_c + By_c (phi + p)                constraint reactions of connector c, hence FN_c
     phi_c in the disc of radius limit(|s~|, FN_c), against s~; inside the disc s+ = -back
     0 <= p _|_ s+ - low >= 0                     and likewise for the greatest rate
+    |p| <= F of a drive, which gives way beyond  (where a stop acts as well: on the other side)
 
 The radii depend on the unknowns: a quasi-variational inequality. As a fixed point of projections
 (natural map), with s^ = s+ + back + (1/theta - 1) s- in the direction of s~ and g_c a mobility:
@@ -44,6 +45,8 @@ class GroupProblem(NamedTuple):
     by: Array  # (4 N, 2 N)
     low: Array  # (2 N,) bounds of s+, infinite: none
     high: Array
+    least: Array  # (2 N,) bounds of p: of a drive with a greatest force
+    most: Array
     back: Array  # (2 N,)
     before: Array  # (2 N,) s-
     moves: Array  # (2 N,) 0 for a component that other connectors hold
@@ -111,10 +114,18 @@ def _softness(g: GroupProblem, j: int) -> float:
 
 
 @inline_function
+def reaction_at(g: GroupProblem, j: int, p: float, rate: float) -> float:
+    """P(p_j - (s+_j - t)/g_j): p_j itself where bounds and limit of the drive are satisfied."""
+    gain = g.s[j, j]
+    found = max(0.0, p - (rate - g.low[j]) / gain) + min(0.0, p - (rate - g.high[j]) / gain)
+    return float(min(max(found, g.least[j]), g.most[j]))
+
+
+@inline_function
 def _bound_residual(g: GroupProblem, j: int) -> float:
     n, gain = 2 * g.number, g.s[j, j]
     p, rate = g.p[j], g.end[j] + _softness(g, j) * (g.p[j] - g.anchor[n + j])
-    taken = max(0.0, p - (rate - g.low[j]) / gain) + min(0.0, p - (rate - g.high[j]) / gain)
+    taken = reaction_at(g, j, p, rate)
     g.residual[n + j] = p - taken
     size = g.size[j]
     if taken > 0.0 or p > 0.0:
@@ -238,7 +249,8 @@ def _linearise_bound(g: GroupProblem, row: int, j: int, unknowns: int) -> None:
     n, gain, p = 2 * g.number, g.s[j, j], g.p[j]
     soft = _softness(g, j)
     rate = g.end[j] + soft * (p - g.anchor[n + j])
-    taken = p - (rate - g.low[j]) / gain > 0.0 or p - (rate - g.high[j]) / gain < 0.0
+    found = reaction_at(g, j, p, rate)
+    taken = found != 0.0 and g.least[j] < found < g.most[j]
     for column in range(unknowns):
         k = int(g.listed[column])
         if taken:

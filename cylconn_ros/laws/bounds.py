@@ -340,12 +340,16 @@ def next_bounds_history(
     last = np.where(p.lock == 1, o.position[:, 1], o.position[:, 0])
     velocity = np.where(np.isnan(p.command[:, :, 1]), 0.0, p.command[:, :, 1])
     acts = stop_sides(out) != 0.0
-    acts |= b.bilateral & ~b.locked & ~b.imposed
+    between = b.bilateral & ~b.locked & ~b.imposed
+    acts |= between
+    # between stops closer than a step resolves, rounding decides which impact goes on
+    close = between & (b.impact != 0.0) & (past.period <= LOST * p.h)[:, None]
+    undecided = (b.ambiguous & acts.any(axis=1)) | close.any(axis=1)
     return dataclasses.replace(
         past,
         pending=np.where(acts, np.where(b.goes_on, 1.0, 2.0) * b.impact, 0.0),
         # where no stop acts, no impact goes on
-        ambiguous=np.asarray(b.ambiguous & acts.any(axis=1)),
+        ambiguous=np.asarray(undecided),
         **{name: getattr(b, name) for name in CARRIED},
         locked=np.asarray(b.locked.any(axis=1)),
         locked_at=b.locked_at,

@@ -34,7 +34,7 @@ TOLERANCE = 1e-6  # of the energy exchanged
 SLACK = 1e-4  # of the bounds: two integrators of fourth order
 LEAST_TURN = 0.05  # rad, at the mean of the least and the greatest radius of gyration
 MOST_TURN = 3.0  # rad by which a body may turn in a step: beyond, it is not resolved
-WITHOUT_STOPS = True  # leave out the steps in which a stop acts
+WITHOUT_STOPS = False  # leave out the steps in which a stop acts
 
 
 @dataclasses.dataclass

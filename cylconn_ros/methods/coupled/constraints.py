@@ -140,7 +140,10 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
         prepared[TARGET + k] = s.target[k]
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     q = pose_free_axes(par, mem, o, s.reduced, h)
-    write_limits(prepared[LIMITS:], o, h, without_stops(q.b1), 0, without_stops(q.b2), 0)
+    write_limits(
+        par, prepared[LIMITS:], o, h, q.closed,
+        without_stops(q.b1), 0, without_stops(q.b2), 0,
+    )  # fmt: skip
     was_stick = mem[model.WAS_STICK] != 0.0
     keep = rate_share(par, mem, model.output(par).semi_implicit)
     share = correction_share(par, mem)

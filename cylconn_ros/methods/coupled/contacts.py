@@ -13,7 +13,7 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.free_gain import update_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.joint_limits import Bounds, has_stops
+from cylconn_ros.core.joint_limits import Bounds, drive_limit, has_stops
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.vectors import norm
 from cylconn_ros.methods.dispatch import begin
@@ -42,7 +42,9 @@ ACCELERATION: Final = 6
 TIME: Final = 7
 CONTINUES: Final = 8
 CONTACT: Final = 9  # the stop that holds an imposed motion back
-NLIMITS: Final = 10
+BELOW: Final = 10  # greatest force towards smaller, and towards greater positions
+ABOVE: Final = 11
+NLIMITS: Final = 12
 
 # --- solution of the group for one connector ---
 END: Final = 0  # w+, 2
@@ -53,7 +55,7 @@ NSOLUTION: Final = 7
 
 AGREES: Final = 1e-6  # relative difference of a step from the group's solution that is rounding
 SHARED: Final = 1e-6  # relative difference from a target that another stop with the same one leaves
-ROUNDING: Final = 1e-15  # relative, of measured positions
+ROUNDING: Final = 5e-15  # relative, of measured positions
 
 
 @inline_function
@@ -70,10 +72,10 @@ def rounding(o: RelativeState, k: int) -> float:
 
 @inline_function
 def write_limits(
-    limits: Array, o: RelativeState, h: float,
+    par: Array, limits: Array, o: RelativeState, h: float, closed: tuple[bool, bool],
     slide: StopBounds, contact1: int, spin: StopBounds, contact2: int,
 ) -> None:  # fmt: skip
-    """Write ``limits`` (2 NLIMITS,)."""
+    """Write ``limits`` (2 NLIMITS,); ``closed``: whether a lock holds slide and spin."""
     for k in range(2):
         c, contact = (slide, contact1) if k == 0 else (spin, contact2)
         at = k * NLIMITS
@@ -86,6 +88,9 @@ def write_limits(
         limits[at + RESTITUTION], limits[at + REBOUND] = c.restitution, c.rebound
         limits[at + ACCELERATION], limits[at + TIME] = c.acceleration, c.time
         limits[at + CONTINUES], limits[at + CONTACT] = 1.0 if c.continues else 0.0, contact
+        most = drive_limit(par, k) if is_driven(par, k, closed[k]) else math.inf
+        limits[at + BELOW] = most if contact <= 0 else math.inf
+        limits[at + ABOVE] = most if contact >= 0 else math.inf
 
 
 @inline_function
@@ -124,7 +129,7 @@ def find_contacts(
         slide, contact1 = clipped(par, mem, o, r, q.sp, h, explicit, 0, b1, b2, q.eps)
     if is_driven(par, 1, q.closed[1]):
         spin, contact2 = clipped(par, mem, o, r, q.sp, h, explicit, 1, b1, b2, q.eps)
-    write_limits(limits, o, h, slide, contact1, spin, contact2)
+    write_limits(par, limits, o, h, q.closed, slide, contact1, spin, contact2)
     return _bounds(slide.bounds, side1, contact1) or _bounds(spin.bounds, side2, contact2)
 
 
@@ -214,12 +219,12 @@ def solve_limited(
     blocked, d1, d2 = False, f, g
     if is_driven(par, 0, q.closed[0]):
         blocked = contact1 != 0 and differs(par, 0, q.b1.low, solved.end[0])
-        d1 = drive_share(0, math.inf, contact1, f)
+        d1 = drive_share(0, drive_limit(par, 0), contact1, f)
     elif q.b1.low != q.b1.high:
         contact1 = sides[0] if f != 0.0 else 0
     if is_driven(par, 1, q.closed[1]):
         blocked = blocked or (contact2 != 0 and differs(par, 1, q.b2.low, solved.end[1]))
-        d2 = drive_share(0, math.inf, contact2, g)
+        d2 = drive_share(0, drive_limit(par, 1), contact2, g)
     elif q.b2.low != q.b2.high:
         contact2 = sides[1] if g != 0.0 else 0
     return LimitedSolution(solved, sides, (contact1, contact2), slide, spin, (d1, d2), blocked)

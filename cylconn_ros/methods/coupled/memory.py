@@ -57,11 +57,12 @@ def parts(work: Array, count: int, par: Array) -> tuple[Arrays, GroupProblem]:
     by = s + n * n
     m = by + q * n
     v = m + 2 * n * (2 * n + 1)
-    w = v + 14 * n
+    w = v + 16 * n
     u = w + 8 * count
     g = GroupProblem(
         count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
         work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
+        work[v + 14 * n : v + 15 * n], work[v + 15 * n : v + 16 * n],
         work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
         work[v + 5 * n : v + 6 * n], work[v + 8 * n : v + 9 * n],
         work[w + count : w + 2 * count],

@@ -53,6 +53,8 @@ from cylconn_ros.methods.coupled.constraints import (
     write_moved,
 )
 from cylconn_ros.methods.coupled.contacts import (
+    ABOVE,
+    BELOW,
     END,
     FRICTION,
     HIGH,
@@ -138,6 +140,10 @@ def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
         g.slips[j] = g.moves[j]
         g.low[j], g.high[j] = r * a.prepared[c, limits + LOW], r * a.prepared[c, limits + HIGH]
         g.phi[j] = g.p[j] = g.anchor[j] = g.anchor[n + j] = 0.0
+        g.least[j], g.most[j] = (
+            -a.prepared[c, limits + BELOW] / r,
+            a.prepared[c, limits + ABOVE] / r,
+        )
     _rest(g, a)
     for j in range(n):
         c, r = j // 2, constants[j // 2, RADIUS] if j % 2 == 1 else 1.0
