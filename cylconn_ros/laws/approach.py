@@ -164,6 +164,8 @@ def _of_rows(
         light = np.abs(change) <= 1e-12 * (loaded_size + w_size)
         free = there & ~held.rows & (found.rest == 0.0)
         found.undecided |= free & (within | near) & (slow | tie) & (near | tie | light)
+        touches = np.abs(gap) <= 4e-15 * gap_size  # and leaves: whether it hits first is rounding
+        found.undecided |= free & touches & slow & ~pressed
         found.rest = np.where(free & pressed & within & slow, side, found.rest)
     open_ = ~held.rows & (found.rest == 0.0) & np.isfinite(p.stops).any(axis=2)
     # where no stop acts, the output is the step without stops: far ones need no solution
