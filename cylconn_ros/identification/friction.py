@@ -11,23 +11,20 @@ from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError, UnknownNameError
 from cylconn_ros.identification import static
-from cylconn_ros.identification.intervals import Intervals, measure_intervals
-from cylconn_ros.identification.kinetic import (
-    MIN_SIGNAL_TO_NOISE,
-    NAMES,
-    OVERLAP,
-    PRELOAD,
-    RADIUS,
-    ContactLoads,
-    FrictionLaw,
-    KineticFit,
-    fit_law,
-    parameter_scales,
-    predicted_deviations,
-    slip_direction,
-    well_above_noise,
+from cylconn_ros.identification.contact_loads import Calibrated, ContactLoads, well_above_noise
+from cylconn_ros.identification.estimates import (
+    Estimate,
+    estimates_of,
+    static_estimate,
+    verdict,
+    withheld,
 )
+from cylconn_ros.identification.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.kinetic import KineticFit, fit_law
+from cylconn_ros.identification.law import NAMES, FrictionLaw, slip
+from cylconn_ros.identification.patterns import Pattern, find_patterns
 from cylconn_ros.identification.segments import Segment, find_segments, slip_rate, slip_threshold
+from cylconn_ros.identification.selection import BASE, Choice, choose
 from cylconn_ros.identification.windows import Windows, cut_windows
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
@@ -39,40 +36,8 @@ PARAMETERS = ("preload", "overlap", "radius")
 MIN_WINDOWS = 10  # slip windows
 DIRECTION_SIGNIFICANCE = 8.0  # standard deviations by which slip exceeds its noise in a window
 DECAY_TIMES = 5.0  # decay rates above which the static coefficient has no effect on slip
-MAX_PREDICTED_DEVIATION = 0.25  # of a parameter's effect on the limit; above: not excited
 MAX_RELATIVE_DEVIATION = 0.4  # relative standard deviation of mu
 COARSE_DEVIATIONS = 2.0  # standard deviations of the change with half of the samples
-SIGNIFICANCE = 0.05
-
-
-@dataclasses.dataclass(frozen=True)
-class Estimate:
-    """A friction parameter: estimated with a 95 % interval, assumed, or unavailable; SI units.
-
-    Attributes
-    ----------
-        name: as below ``friction`` in a scene.
-        value: NaN if unavailable.
-        low, high: ends of the 95 % interval; NaN if the parameter was not estimated.
-        unit: ``1`` for a coefficient.
-        note: why it was not estimated, or a remark.
-    """
-
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
-    note: str
-
-    def __post_init__(self) -> None:
-        for name in ("value", "low", "high"):  # Python floats also for NumPy scalars
-            object.__setattr__(self, name, float(getattr(self, name)))
-
-    @property
-    def found(self) -> bool:
-        """Whether the parameter was estimated."""
-        return bool(np.isfinite(self.low))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +57,8 @@ class Identification:
         disc: (windows, 2) friction (f1f, m1f/R) over its limit; on the unit circle but for noise.
         law: the fitted law.
         static: static friction.
+        choice: terms of the model, those left out with the reason, and alternatives.
+        patterns: residuals over rate, direction, load, place and time, most significant first.
     """
 
     estimates: dict[str, Estimate]
@@ -110,6 +77,17 @@ class Identification:
     disc: Array = dataclasses.field(repr=False)
     law: FrictionLaw
     static: static.StaticFriction = dataclasses.field(repr=False)
+    choice: Choice = dataclasses.field(repr=False)
+    patterns: tuple[Pattern, ...] = dataclasses.field(repr=False)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the model holds: no residual pattern rejects it."""
+        return not any(one.rejected for one in self.patterns)
+
+    def verdict(self) -> list[str]:
+        """Say in sentences whether to believe the numbers, and why."""
+        return verdict(self.choice, self.patterns)
 
     def __getitem__(self, name: str) -> Estimate:
         """Return an estimate by name; raise UnknownNameError if there is none."""
@@ -141,14 +119,25 @@ def estimate_friction(
     between = int(measured.usable.sum()) - sum(segment.size for segment in segments)
     skipped["between slip and rest, or in a segment that is too short"] = between
     loads = ContactLoads.of(slips)
-    fitted, notes = _fit_excited(slips, loads, start, _free(known))
+    data = Calibrated.of(slips, loads)
+    choice = choose(data, loads, start, _free(known))
+    fitted = choice.fitted
     _refuse_noise(fitted)
+    patterns = find_patterns(data, fitted)
     coarse = _coarse_change(scene, samples, fitted)
     rest = static.estimate_static(measured, segments, fitted)
-    estimates = {e.name: e for e in _estimates(fitted, coarse, notes, known, loads)}
-    estimates["static_coefficient"] = _static_estimate(rest)
+    estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
+    estimates["static_coefficient"] = static_estimate(rest)
+    rejected = tuple(one for one in patterns if one.rejected)
+    if rejected:
+        reason = f"model rejected: {rejected[0].describe()}"
+        estimates = {name: withheld(e, reason) for name, e in estimates.items()}
     law = fitted.law
-    along = slip_direction(slips, law.radius) * [1.0, 1.0 / law.radius]
+    _, cos, sin = slip(slips.rates, law.radius)
+    along = np.stack([cos, sin / law.radius], axis=1)
+    ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
+    ratio = law.ratio(slips.rates)
+    normal = law.normal(loads.radial, loads.moment)
     deviation = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     return Identification(
         estimates=estimates,
@@ -161,14 +150,14 @@ def estimate_friction(
         skipped=measured.skipped + +skipped,
         noise=slip_rate(measured, law.radius)[1],
         misfit=fitted.misfit,
-        normal=law.normal(loads.radial, loads.moment),
-        traction=np.hypot(slips.wrench[:, 0], slips.wrench[:, 3] / law.radius),
+        normal=normal,
+        traction=np.hypot(ours[:, 0], ours[:, 1] / law.radius),
         deviation=np.sqrt(deviation),
-        disc=slips.wrench[:, [0, 3]]
-        / [1.0, law.radius]
-        / (law.coefficient * law.normal(loads.radial, loads.moment))[:, None],
+        disc=ours / [1.0, law.radius] / (ratio * normal)[:, None],
         law=law,
         static=rest,
+        choice=choice,
+        patterns=tuple(patterns),
     )
 
 
@@ -188,7 +177,7 @@ def _start(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
 
 
 def _free(known: Mapping[str, float]) -> list[int]:
-    return [k for k, name in enumerate(NAMES) if name not in known]
+    return [k for k in BASE if NAMES[k] not in known]
 
 
 def _slip_windows(
@@ -233,47 +222,6 @@ def _slip_windows(
     return chosen, +skipped
 
 
-def _fit_excited(
-    w: Windows, loads: ContactLoads, start: FrictionLaw, free: list[int]
-) -> tuple[KineticFit, dict[str, str]]:
-    """Fit the parameters that the motion excites.
-
-    Returns
-    -------
-        The fit, and for every other parameter in ``free`` the reason why it is held.
-    """
-    notes: dict[str, str] = {}
-    if OVERLAP in free and len(free) > 1 and loads.signal_to_noise[1] < MIN_SIGNAL_TO_NOISE:
-        notes["overlap"] = "not excited: there is no bending moment beyond noise"
-        free = [j for j in free if j != OVERLAP]
-    # A first estimate of the coefficient, for the predicted deviations.
-    traction = np.hypot(w.wrench[:, 0], w.wrench[:, 3] / start.radius)
-    guess = float(traction.mean() / max(start.normal(loads.radial, loads.moment).mean(), 1e-300))
-    law = dataclasses.replace(start, coefficient=min(max(guess, 1e-3), 10.0))
-    while True:
-        while True:
-            worst = predicted_deviations(w, loads, law, free)
-            if (worst <= MAX_PREDICTED_DEVIATION).all() or len(free) == 1:
-                break
-            k = _least_excited(w, loads, law, free)
-            notes[NAMES[k]] = _not_excited(k, w, loads, law)
-            free = [j for j in free if j != k]
-        fitted = fit_law(w, loads, law, free)
-        # Again at the fitted law, and with the spread of the windows themselves.
-        size = np.sqrt(np.diag(fitted.covariance)) / parameter_scales(loads, fitted.law)[free]
-        if (
-            len(free) == 1
-            or (
-                np.maximum(size, predicted_deviations(w, loads, fitted.law, free))
-                <= MAX_PREDICTED_DEVIATION
-            ).all()
-        ):
-            return fitted, notes
-        k = _least_excited(w, loads, fitted.law, free)
-        notes[NAMES[k]] = _not_excited(k, w, loads, fitted.law)
-        free = [j for j in free if j != k]
-
-
 def _refuse_noise(fitted: KineticFit) -> None:
     """Raise IdentifyError if the coefficient does not differ significantly from zero."""
     relative = float(np.sqrt(fitted.covariance[0, 0]))
@@ -285,41 +233,6 @@ def _refuse_noise(fitted: KineticFit) -> None:
         )
 
 
-def _least_excited(w: Windows, loads: ContactLoads, law: FrictionLaw, free: list[int]) -> int:
-    """Return the parameter to hold so that the others are determined best.
-
-    Among nearly equal ones: bending before preload before radius.
-    """
-    order = [k for k in (OVERLAP, PRELOAD, RADIUS) if k in free]
-    left = [
-        float(predicted_deviations(w, loads, law, [j for j in free if j != k]).max()) for k in order
-    ]
-    best = min(left)
-    return next(k for k, worst in zip(order, left, strict=True) if worst <= 1.5 * best)
-
-
-def _not_excited(k: int, w: Windows, loads: ContactLoads, law: FrictionLaw) -> str:
-    """Return the reason why a motion does not determine a parameter."""
-    if k == RADIUS:
-        spin = np.abs(w.rates[:, 1]) * law.radius
-        share = spin / np.maximum(np.hypot(w.rates[:, 0], spin), 1e-300)
-        if share.max() < 0.1:
-            return "not excited: it slides and hardly spins"
-        if share.min() > 0.9:
-            return "not excited: it spins and hardly slides, which determines only mu R"
-        return "not excited: the ratio of slide to spin hardly changes"
-    radial = f"{loads.radial.min():.3g} to {loads.radial.max():.3g} N"
-    if k == OVERLAP:
-        if 2.0 * loads.moment.max() < 1e-3 * loads.radial.mean() * law.radius:
-            return "not excited: there is no bending moment"
-        bending = f"{loads.moment.min():.3g} to {loads.moment.max():.3g} N.m"
-        return (
-            f"not excited: radial force ({radial}) and bending moment ({bending}) hardly "
-            "change relative to each other"
-        )
-    return f"not excited: the normal force hardly changes (radial force {radial})"
-
-
 def _coarse_change(scene: Scene, samples: SampleArrays, fitted: KineticFit) -> Array:
     """Return the change (free,) of the estimates, beyond noise, with every second sample removed.
 
@@ -329,69 +242,10 @@ def _coarse_change(scene: Scene, samples: SampleArrays, fitted: KineticFit) -> A
         measured = measure_intervals(scene, samples.every_second())
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = _slip_windows(measured, segments, fitted.law.radius)
-        again = fit_law(slips, ContactLoads.of(slips), fitted.law, fitted.free)
-    except IdentifyError:
+        data = Calibrated.of(slips, ContactLoads.of(slips))
+        again = fit_law(data, fitted.law, fitted.free)
+    except (IdentifyError, np.linalg.LinAlgError):
         return np.zeros(len(fitted.free))
     moved = (again.law.vector - fitted.law.vector)[list(fitted.free)]
     noise = np.diag(again.covariance) + np.diag(fitted.covariance)
     return np.asarray(np.sqrt(np.maximum(moved**2 - COARSE_DEVIATIONS**2 * noise, 0.0)))
-
-
-def _estimates(
-    fitted: KineticFit,
-    coarse: Array,
-    notes: Mapping[str, str],
-    known: Mapping[str, float],
-    loads: ContactLoads,
-) -> list[Estimate]:
-    from scipy.stats import t
-
-    law, x = fitted.law, fitted.law.vector
-    spread = float(t.isf(SIGNIFICANCE / 2.0, fitted.freedom)) * np.sqrt(np.diag(fitted.covariance))
-    # An error of second order in the period h is a third of the change from h to 2 h; doubled as a
-    # safety margin.
-    half = np.sqrt(spread**2 + (coarse * 2.0 / 3.0) ** 2 + fitted.systematic**2)
-    units = dict(zip(NAMES, ("1", "N", "m", "m"), strict=True))
-    found = []
-    for k, name in enumerate(NAMES):
-        if k not in fitted.free:
-            value = {"preload": law.preload, "radius": law.radius}.get(
-                name, 2.0 / law.bending if law.bending > 0.0 else 0.0
-            )
-            note = "assumed, as given" if name in known else notes[name]
-            found.append(Estimate(name, value, np.nan, np.nan, units[name], note))
-            continue
-        width = half[fitted.free.index(k)]
-        low, high = x[k] - width, x[k] + width
-        if name == "preload":
-            found.append(Estimate(name, x[k], low, high, "N", ""))
-        elif name == "overlap":
-            found.append(_overlap(x[k], low, high))
-        else:
-            value, low, high = np.exp(x[k]), np.exp(low), np.exp(high)
-            found.append(Estimate(name, value, low, high, units[name], ""))
-    return found
-
-
-def _overlap(bending: float, low: float, high: float) -> Estimate:
-    """Convert 2/L to L; if the interval of 2/L contains zero, L has no upper bound."""
-    if high <= 0.0:
-        note = "the traction decreases with bending: the law does not apply"
-        return Estimate("overlap", np.nan, np.nan, np.nan, "m", note)
-    value = 2.0 / bending if bending > 0.0 else np.inf
-    upper = 2.0 / low if low > 0.0 else np.inf
-    note = "" if low > 0.0 else "the effect of bending may be zero"
-    return Estimate("overlap", value, 2.0 / high, upper, "m", note)
-
-
-def _static_estimate(rest: static.StaticFriction) -> Estimate:
-    value, half = static.breakaway_interval(rest)
-    bound = "" if not np.isfinite(rest.bound) else f"; at least {rest.bound:.4g} at rest"
-    if not len(rest.breakaways):
-        reason = "no rest" if not rest.windows else "no slip after rest"
-        return Estimate(
-            "static_coefficient", np.nan, np.nan, np.nan, "1", f"no break-away: {reason}{bound}"
-        )
-    count = len(rest.breakaways)
-    note = f"of {count} break-away{'s' if count > 1 else ''}{bound}"
-    return Estimate("static_coefficient", value, value - half, value + half, "1", note)

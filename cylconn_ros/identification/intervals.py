@@ -51,6 +51,7 @@ class Intervals:
         dt: (n,) length of the interval, s.
         wrench: (n, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a: friction and constraint; N, N.m.
         rates: (n, 2) slide m/s and spin rad/s at the end of the interval.
+        places: (n, 2) slide m and angle rad at the end of the interval.
         usable: (n,) bool, the wrench contains friction and constraint only.
         skipped: number of unusable intervals by reason.
     """
@@ -60,6 +61,7 @@ class Intervals:
     dt: Array
     wrench: Array
     rates: Array
+    places: Array
     usable: Mask
     skipped: Counter[str]
 
@@ -133,6 +135,7 @@ def _intervals(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -
             wrench[:, at] -= _column(out, f"{name}_{part}", 1)[:, 0]
         wrench[:, at] -= imposed if np.isfinite(imposed) else 0.0
     rates = np.hstack([_column(out, "velocity", 1), _column(out, "angular_velocity", 1)])
+    places = np.hstack([_column(out, "length", 1), _column(out, "angle", 1)])
     refused = out[:, _COLUMNS.index(layout.STATUS)] != layout.OK
     refused[1:] |= refused[:-1].copy()
     usual = np.median(dt[~begins]) if not begins.all() else 0.0
@@ -149,7 +152,7 @@ def _intervals(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -
         skipped[reason] = int((rows & usable).sum())
         usable &= ~rows
     skipped["not finite"] = int((~finite).sum())
-    return Intervals(scene, time, dt, wrench, rates, usable, +skipped)
+    return Intervals(scene, time, dt, wrench, rates, places, usable, +skipped)
 
 
 def _column(out: Array, name: str, width: int) -> Array:

@@ -1,17 +1,17 @@
-"""Kinetic friction from slip windows: mu, FCint, L and R, as far as the motion excites them.
+"""Likelihood of kinetic friction in slip windows, and the fit of a law to them.
 
-In every window the equation
+In every window the residual e of the friction law of :mod:`law` is Gaussian, given the measured
+loads, with a covariance V that depends on the law, since the loads carry noise:
 
-    e = (f1f, m1f) + mu (Fr + 2/L Mbend + FCint) (v1, R^2 w1)/|s| = 0        s = (v1, R w1)
+    -ln L = 1/2 sum (e^T V^-1 e / k + ln det (k V)),       k: dispersion, at least 1
 
-should hold. All forces in e are measured, so e has the covariance V = A C A^T with A = de/dwrench,
-and the fit minimizes the sum of e^T V^-1 e. This is generalized least squares with errors in all
-variables: V depends on the parameters, so that noise in Fr and Mbend does not reduce mu and 1/L, as
-it does in a plain fit. Noise n increases absolute values, on average to
-|F + n| = |F| + var_t/(2 |F|), with var_t its variance across F; this bias is subtracted.
+Without the determinant, mu without bounds with FN near zero fits anything. The loads are calibrated
+(:mod:`contact_loads`): with the measured loads as they are, this likelihood is biased as a plain
+fit is, because ``E[de/dmu e]`` does not vanish.
 
-Confidence intervals use the spread of the windows' own scores (sandwich covariance with leverages)
-and Student's t. So they also hold if the noise differs from the assumed weights.
+The fit solves the score of the mean with V of the law itself (iteratively reweighted Gauss-Newton):
+it is unbiased also if the noise is not as assumed. -ln L compares laws. Confidence intervals use
+the spread of the windows' own scores (sandwich covariance with leverages) and Student's t.
 """
 
 from __future__ import annotations
@@ -23,204 +23,208 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.windows import Windows
+from cylconn_ros.identification.contact_loads import Calibrated
+from cylconn_ros.identification.law import (
+    DECAY,
+    OFFSET,
+    OVERLAP,
+    PRELOAD,
+    VISCOUS,
+    VISCOUS_SPIN,
+    FrictionLaw,
+    friction,
+    law_from_vector,
+    slip,
+    slopes,
+)
 
 Array = NDArray[np.float64]
 
-NAMES = ("coefficient", "preload", "overlap", "radius")
-COEFFICIENT, PRELOAD, OVERLAP, RADIUS = range(len(NAMES))
-MIN_SIGNAL_TO_NOISE = 9.0  # mean square of a force over that of its noise
-BEYOND = 3.0  # standard deviations by which a mean square must exceed that of the noise
-MIN_DEVIATIONS = 3.0  # standard deviations by which a force must differ from zero
-FLOOR = 1e-6  # of the median traction: least standard deviation of a residual
+FLOOR = 1e-3  # of the median traction: least standard deviation of a residual
 SECOND_ORDER = 1e-4  # of the traction: error of a window's forces by the finite sample period
-MAX_EVALUATIONS = 200  # of the residuals, per fit
-
-
-@dataclasses.dataclass(frozen=True)
-class FrictionLaw:
-    """Friction parameters mu, FCint (N), 2/L (1/m; 0: bending is not modelled) and R (m)."""
-
-    coefficient: float
-    preload: float
-    bending: float
-    radius: float
-
-    def normal(self, radial: Array, moment: Array) -> Array:
-        """Return FN (n,) of radial forces (n,) and bending moments (n,)."""
-        return np.abs(radial + self.bending * moment + self.preload)
-
-    @property
-    def vector(self) -> Array:
-        """The fitted vector (4,): ln mu, FCint, 2/L, ln R."""
-        return np.array([np.log(self.coefficient), self.preload, self.bending, np.log(self.radius)])
-
-
-def law_from_vector(x: Array) -> FrictionLaw:
-    """Return the law of a fitted vector; the inverse of :attr:`FrictionLaw.vector`."""
-    return FrictionLaw(float(np.exp(x[0])), float(x[1]), float(x[2]), float(np.exp(x[3])))
-
-
-@dataclasses.dataclass(frozen=True)
-class ContactLoads:
-    """Radial force and bending moment of n windows, without the bias by noise.
-
-    Attributes
-    ----------
-        radial, moment: (n,) N, N.m.
-        gradient: (n, 2, 6) derivatives of both with respect to the wrench.
-        signal_to_noise: mean square of each over that of its noise.
-    """
-
-    radial: Array
-    moment: Array
-    gradient: Array
-    signal_to_noise: tuple[float, float]
-
-    @classmethod
-    def of(cls, w: Windows) -> ContactLoads:
-        """Compute the loads of windows."""
-        gradient = np.zeros((len(w), 2, 6))
-        values, ratios = [], []
-        for row, at in enumerate((slice(1, 3), slice(4, 6))):
-            vector, cov = w.wrench[:, at], w.covariance[:, at, at]
-            size = np.maximum(np.linalg.norm(vector, axis=1), 1e-300)
-            u = vector / size[:, None]
-            total = np.trace(cov, axis1=1, axis2=2)
-            across = total - np.einsum("ni,nij,nj->n", u, cov, u)
-            square, white = float(np.square(size).mean()), max(float(total.mean()), 1e-300)
-            ratios.append(square / white)
-            if ratios[-1] >= MIN_SIGNAL_TO_NOISE:
-                values.append(np.sqrt(np.maximum(size**2 - across, 0.0)))
-                gradient[:, row, at] = u
-            else:  # dominated by noise: only its mean square is significant
-                significant = square - white > BEYOND * white / np.sqrt(len(w))
-                values.append(np.full(len(w), np.sqrt(square - white) if significant else 0.0))
-        return cls(values[0], values[1], gradient, (ratios[0], ratios[1]))
-
-
-def well_above_noise(w: Windows, loads: ContactLoads) -> NDArray[np.bool_]:
-    """Return the windows (n,) whose radial force and bending moment are well above their noise.
-
-    Near zero the mean of |F + n| is not |F| + var_t/(2 |F|). The test uses the neighbours of a
-    window, so that its own noise does not select it. A force that is dominated by noise throughout
-    is not tested.
-    """
-    good = np.ones(len(w), dtype=np.bool_)
-    near = np.abs(np.arange(len(w))[:, None] + [-1, 1])
-    near = np.where(near < len(w), near, 2 * len(w) - 2 - near)  # at an end: one neighbour twice
-    for at, ratio in (
-        (slice(1, 3), loads.signal_to_noise[0]),
-        (slice(4, 6), loads.signal_to_noise[1]),
-    ):
-        if ratio >= MIN_SIGNAL_TO_NOISE:
-            neighbours = w.wrench[near, at].mean(axis=1)
-            variance = 0.5 * np.trace(w.covariance[:, at, at], axis1=1, axis2=2)
-            good &= np.square(neighbours).sum(axis=1) > MIN_DEVIATIONS**2 * variance
-    return good
+MAX_ITERATIONS = 60
+CONVERGED = 1e-9  # step, in units of parameter_scales
+LEAST_NORMAL = 0.05  # of the mean load: smallest FN that a law may have in a window
+LARGEST_STEP = 0.7  # in units of parameter_scales
 
 
 @dataclasses.dataclass(frozen=True)
 class KineticFit:
-    """Result of a fit.
+    """A fitted law.
 
     Attributes
     ----------
-        law: the fitted law.
-        free: indices of the fitted parameters in :data:`NAMES`.
-        covariance: (free, free) of the fitted parameters, in the units of the fitted vector.
-        systematic: (free,) greatest effect of an error SECOND_ORDER in every window.
-        freedom: degrees of freedom of Student's t.
-        misfit: mean squared weighted residual; 1 if the noise is as estimated.
+        law: the law.
+        free: indices of law.NAMES that were estimated.
+        covariance: (k, k) of the fitted vector.
+        systematic: (k,) bound of the error by a relative error of SECOND_ORDER in every window.
+        freedom: degrees of freedom.
+        misfit: mean squared weighted residual.
+        cost: -ln L.
+        residuals: (n, 2) weighted residuals V^-1/2 e, along and across the slip.
     """
 
     law: FrictionLaw
     free: tuple[int, ...]
-    covariance: Array
-    systematic: Array
+    covariance: Array = dataclasses.field(repr=False)
+    systematic: Array = dataclasses.field(repr=False)
     freedom: int
     misfit: float
+    cost: float
+    residuals: Array = dataclasses.field(repr=False)
+
+    def deviation(self, k: int) -> float:
+        """Standard deviation of an estimated parameter (index of NAMES)."""
+        j = self.free.index(k)
+        return float(np.sqrt(self.covariance[j, j]))
 
 
-def slip_direction(w: Windows, radius: float) -> Array:
-    """Return unit vectors (n, 2) along s = (v1, R w1)."""
-    s = w.rates * [1.0, radius]
-    return np.asarray(s / np.maximum(np.linalg.norm(s, axis=1), 1e-300)[:, None])
+def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
+    """Return V^-1/2 (n, 2, 2) and ln det V (n,) of the residuals of ``law``.
 
-
-def weighted_residuals(
-    w: Windows, loads: ContactLoads, law: FrictionLaw, weights: FrictionLaw | None = None
-) -> Array:
-    """Return weighted residuals V^-1/2 e (n, 2) of ``law``; V of ``weights``, default ``law``."""
-    along = slip_direction(w, law.radius) * [1.0, law.radius]
-    limit = law.coefficient * law.normal(loads.radial, loads.moment)
-    e = w.wrench[:, [0, 3]] + limit[:, None] * along
-    jacobian = np.zeros((len(w), 2, 6))  # A = de/dwrench
-    jacobian[:, 0, 0], jacobian[:, 1, 3] = 1.0, 1.0
-    weighting = weights or law
-    slope = loads.gradient[:, 0] + weighting.bending * loads.gradient[:, 1]
-    jacobian += weighting.coefficient * along[:, :, None] * slope[:, None, :]
-    v = jacobian @ w.covariance @ jacobian.transpose(0, 2, 1)
-    floor = FLOOR * np.median(limit)
-    v += np.diag([floor**2, (law.radius * floor) ** 2]) + 1e-300 * np.eye(2)
-    # Cholesky factor of each 2x2 block: V = T T^T with T lower triangular, e = T r.
+    The first component of V^-1/2 e is along the slip direction, the second one across.
+    """
+    w = data.windows
+    size, cos, sin = slip(w.rates, law.radius)
+    ratio = law.ratio(w.rates)
+    turn = np.zeros((len(w), 2, 2))  # to (along, across) in N
+    turn[:, 0, 0], turn[:, 0, 1] = cos, sin / law.radius
+    turn[:, 1, 0], turn[:, 1, 1] = -sin, cos / law.radius
+    v = turn @ data.own @ turn.transpose(0, 2, 1)
+    loads = np.array([1.0, law.bending])
+    # e = force - friction, friction = -ratio (1, 2/L) loads along: de/dloads = +ratio (1, 2/L).
+    v[:, 0, 0] += ratio**2 * (data.rest @ loads @ loads)
+    cross = ratio[:, None] * np.einsum("nlf,l,nkf->nk", data.shared, loads, turn)
+    v[:, 0, 0] += 2.0 * cross[:, 0]
+    v[:, 0, 1] += cross[:, 1]
+    v[:, 1, 0] += cross[:, 1]
+    limit = ratio * (data.loads @ loads + law.preload)
+    spread = w.rate_noise * [1.0, law.radius]
+    v[:, 1, 1] += np.square(limit / size) * (
+        np.square(sin * spread[:, 0]) + np.square(cos * spread[:, 1])
+    )
+    floor = (FLOOR * float(np.median(np.abs(limit)))) ** 2 + 1e-300
+    v[:, 0, 0] = np.maximum(v[:, 0, 0], 0.0) + floor
+    v[:, 1, 1] = np.maximum(v[:, 1, 1], 0.0) + floor
     a = np.sqrt(v[:, 0, 0])
     b = v[:, 1, 0] / a
-    c = np.sqrt(np.maximum(v[:, 1, 1] - b * b, 1e-12 * v[:, 1, 1]))
-    r = e[:, 0] / a
-    return np.column_stack([r, (e[:, 1] - b * r) / c])
+    c = np.sqrt(np.maximum(v[:, 1, 1] - b * b, 1e-6 * v[:, 1, 1]))
+    inverse = np.zeros_like(v)
+    inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 1, 0] = 1.0 / a, 1.0 / c, -b / (a * c)
+    return inverse @ turn, 2.0 * (np.log(a) + np.log(c))
 
 
-def fit_law(w: Windows, loads: ContactLoads, start: FrictionLaw, free: Sequence[int]) -> KineticFit:
-    """Fit the parameters ``free`` (indices of :data:`NAMES`); the others are held as in ``start``.
+def weighted_residuals(data: Calibrated, law: FrictionLaw, weights: Array | None = None) -> Array:
+    """Return V^-1/2 e (n, 2) of ``law``."""
+    inverse = factors(data, law)[0] if weights is None else weights
+    e = data.force - friction(law, data.windows.rates, data.loads)
+    return np.asarray(np.einsum("nij,nj->ni", inverse, e))
+
+
+def cost(data: Calibrated, law: FrictionLaw) -> float:
+    """Return -ln L of ``law``, with the dispersion that is most likely, but at least 1.
+
+    The determinant is that of V in force units of the slip directions at R; constants are left out.
+    """
+    inverse, logdet = factors(data, law)
+    r = weighted_residuals(data, law, inverse)
+    square = float(np.square(r).sum())
+    # The residuals were turned to (f1, m1/R): the determinant of that is R^-2.
+    return float(0.5 * (logdet + 2.0 * np.log(law.radius)).sum() + _dispersed(square, len(r)))
+
+
+def _dispersed(square: float, n: int) -> float:
+    k = max(square / (2.0 * n), 1.0)
+    return 0.5 * square / k + n * np.log(k)
+
+
+def fit_law(data: Calibrated, start: FrictionLaw, free: Sequence[int]) -> KineticFit:
+    """Fit the parameters ``free`` (indices of law.NAMES); the others are held as in ``start``.
 
     Raises IdentifyError if the traction does not oppose the slip.
     """
-    from scipy.optimize import least_squares
-
     chosen = list(free)
-    held = start.vector
-    scale = parameter_scales(loads, start)
+    law, rates = start, data.windows.rates
+    for _ in range(MAX_ITERATIONS):
+        scale = parameter_scales(data, law)[chosen]
+        inverse, _ = factors(data, law)
+        r = weighted_residuals(data, law, inverse)
+        j = -np.einsum("nij,njk->nik", inverse, slopes(law, rates, data.loads, chosen)) * scale
+        step = _solve(j.reshape(-1, len(chosen)), -r.ravel())
+        step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        before = float(np.square(r).sum())
+        for _ in range(8):
+            x = law.vector
+            x[chosen] += step * scale
+            tried = _bounded(data, law_from_vector(x), chosen)
+            if float(np.square(weighted_residuals(data, tried, inverse)).sum()) <= before:
+                break
+            step = 0.5 * step
+        moved = np.abs((tried.vector - law.vector)[chosen] / scale).max(initial=0.0)
+        law = tried
+        if moved < CONVERGED:
+            break
+    return _finished(data, law, chosen)
 
-    def law_of(x: Array) -> FrictionLaw:
-        full = held.copy()
-        full[chosen] += np.clip(x, -20.0, 20.0) * scale[chosen]
-        return law_from_vector(full)
 
-    law, x = start, np.zeros(len(chosen))
-    # V is first held at the previous law: the sum with a variable V has other, distant minima.
-    for variable in (False, False, False, True):
-        fixed = None if variable else law
-        found = least_squares(
-            lambda x, fixed=fixed: weighted_residuals(w, loads, law_of(x), fixed).ravel(),
-            x,
-            max_nfev=MAX_EVALUATIONS,
-            xtol=1e-12,
-            ftol=1e-12,
-            gtol=1e-12,
-        )
-        x, law = found.x, law_of(found.x)
-    r = found.fun.reshape(-1, 2)
-    jacobian = found.jac.reshape(len(w), 2, len(chosen))
-    bread = np.linalg.pinv(np.einsum("nia,nib->ab", jacobian, jacobian), rcond=1e-14)
-    covariance = _sandwich_covariance(jacobian, r, bread)
-    changed = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
-    shift = weighted_residuals(w, loads, changed, law) - r
-    systematic = np.abs(np.einsum("ab,nib,ni->an", bread, jacobian, shift)).sum(axis=1)
-    freedom = max(len(w) - len(chosen), 1)
-    units = np.array(scale[chosen])
-    misfit = float(np.square(r).sum() / max(2 * len(w) - len(chosen), 1))
+def _solve(j: Array, r: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(j, r, rcond=1e-10)[0])
+
+
+def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionLaw:
+    """Return the law, with a preload that keeps FN away from zero in every window."""
+    changed = {}
+    if PRELOAD in chosen:
+        contact = data.loads @ [1.0, law.bending]
+        least = LEAST_NORMAL * float(np.abs(contact).mean()) - float(contact.min())
+        if law.preload < least:
+            changed["preload"] = least
+    if DECAY in chosen:
+        size = slip(data.windows.rates, law.radius)[0]
+        low, high = 0.3 / float(size.max()), 10.0 / float(size.min())
+        changed["decay"] = min(max(law.decay, low), high)
+    return dataclasses.replace(law, **changed)
+
+
+def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticFit:
+    n, k = len(data), len(chosen)
+    scale = parameter_scales(data, law)[chosen]
+    inverse, _ = factors(data, law)
+    r = weighted_residuals(data, law, inverse)
+    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    j = -np.einsum("nij,njk->nik", inverse, derivative) * scale
+    bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-14)
+    covariance = _sandwich_covariance(j, r, bread)
     if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
         raise IdentifyError("no friction shows: the traction does not oppose the slip")
-    covariance = covariance * np.outer(units, units)
-    return KineticFit(law, tuple(chosen), covariance, systematic * units, freedom, misfit)
+    changed = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
+    shift = weighted_residuals(data, changed, inverse) - r
+    systematic = np.abs(np.einsum("ab,nib,ni->an", bread, j, shift)).sum(axis=1)
+    return KineticFit(
+        law=law,
+        free=tuple(chosen),
+        covariance=covariance * np.outer(scale, scale),
+        systematic=systematic * scale,
+        freedom=max(n - k, 1),
+        misfit=float(np.square(r).sum() / max(2 * n - k, 1)),
+        cost=cost(data, law),
+        residuals=r,
+    )
 
 
-def parameter_scales(loads: ContactLoads, law: FrictionLaw) -> Array:
-    """Return the changes (4,) of the fitted vector that change the limit by 100 % (first order)."""
-    radial, moment = float(np.mean(loads.radial)), float(np.mean(loads.moment))
+def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
+    """Return the changes (10,) of the fitted vector that change the limit by 100 % (first order)."""
+    radial, moment = (float(x) for x in data.loads.mean(axis=0))
     force = max(radial + law.bending * moment + max(law.preload, 0.0), 1e-12)
-    return np.array([1.0, force, force / max(moment, 1e-12 * force), 1.0])
+    limit = force * law.coefficient
+    rate, spin = np.sqrt(np.square(data.windows.rates).mean(axis=0))
+    scales = np.ones(len(law.vector))
+    scales[PRELOAD] = force
+    scales[OVERLAP] = force / max(moment, 1e-12 * force)
+    scales[VISCOUS] = limit / max(rate, 1e-12)
+    scales[VISCOUS_SPIN] = limit * law.radius / max(spin, 1e-12)
+    scales[OFFSET] = limit
+    return scales
 
 
 def _sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
@@ -231,23 +235,25 @@ def _sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
     return np.asarray(bread @ (scores.T @ scores) @ bread)
 
 
-def predicted_deviations(
-    w: Windows, loads: ContactLoads, law: FrictionLaw, free: Sequence[int]
-) -> Array:
+def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:
     """Return the standard deviations (free,) expected from the noise at ``law``.
 
     In units of :func:`parameter_scales`.
     """
-    scale = parameter_scales(loads, law)
-    columns = []
-    for k in free:
-        step = np.zeros(4)
-        step[k] = 1e-4 * scale[k]
-        up, down = law_from_vector(law.vector + step), law_from_vector(law.vector - step)
-        columns.append(
-            (weighted_residuals(w, loads, up) - weighted_residuals(w, loads, down)).ravel() / 2e-4
-        )
-    jacobian = np.array(columns).T
-    _, sizes, vt = np.linalg.svd(jacobian, full_matrices=False)
+    chosen = list(free)
+    inverse, _ = factors(data, law)
+    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    j = np.einsum("nij,njk->nik", inverse, derivative) * parameter_scales(data, law)[chosen]
+    _, sizes, vt = np.linalg.svd(j.reshape(-1, len(chosen)), full_matrices=False)
     sizes = np.maximum(sizes, 1e-9 * sizes.max(initial=1e-300))
     return np.asarray(np.sqrt(np.square(vt / sizes[:, None]).sum(axis=0)))
+
+
+def unexplained(data: Calibrated, law: FrictionLaw, free: Sequence[int], k: int) -> float:
+    """Return the share of the effect of parameter ``k`` that parameters ``free`` cannot imitate."""
+    inverse, _ = factors(data, law)
+    derivative = slopes(law, data.windows.rates, data.loads, [*free, k])
+    j = np.einsum("nij,njk->nik", inverse, derivative).reshape(-1, len(free) + 1)
+    j = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    rest = j[:, -1] - j[:, :-1] @ _solve(j[:, :-1], j[:, -1])
+    return float(np.linalg.norm(rest))
