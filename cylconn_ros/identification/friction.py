@@ -55,6 +55,7 @@ class Identification:
         misfit: mean squared residual over that of the noise; 1 if the law fits to within the noise.
         normal, traction, deviation: (windows,) FN, P and the standard deviation of P, N.
         disc: (windows, 2) friction (f1f, m1f/R) over its limit; on the unit circle but for noise.
+        slides: (windows,) rate of the slide, m/s.
         law: the fitted law.
         static: static friction.
         choice: terms of the model, those left out with the reason, and alternatives.
@@ -75,6 +76,7 @@ class Identification:
     traction: Array = dataclasses.field(repr=False)
     deviation: Array = dataclasses.field(repr=False)
     disc: Array = dataclasses.field(repr=False)
+    slides: Array = dataclasses.field(repr=False)
     law: FrictionLaw
     static: static.StaticFriction = dataclasses.field(repr=False)
     choice: Choice = dataclasses.field(repr=False)
@@ -154,6 +156,7 @@ def estimate_friction(
         traction=np.hypot(ours[:, 0], ours[:, 1] / law.radius),
         deviation=np.sqrt(deviation),
         disc=ours / [1.0, law.radius] / (ratio * normal)[:, None],
+        slides=slips.rates[:, 0],
         law=law,
         static=rest,
         choice=choice,

@@ -213,7 +213,7 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
 
 
 def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
-    """Return the changes (10,) of the fitted vector that change the limit by 100 % (first order)."""
+    """Return the changes (10,) of the vector that change the limit by 100 %, to first order."""
     radial, moment = (float(x) for x in data.loads.mean(axis=0))
     force = max(radial + law.bending * moment + max(law.preload, 0.0), 1e-12)
     limit = force * law.coefficient
