@@ -80,6 +80,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"recorded topic of an input: {', '.join(f'body_b/{kind}' for kind in _KINDS)}, …",
     )
     parser.add_argument(
+        "--drive", default="", metavar="TOPIC",
+        help="effort of a motor, as JointState or WrenchStamped: not friction",
+    )  # fmt: skip
+    parser.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the estimate: .png, .svg or .pdf"
     )
     parser.add_argument(
@@ -101,7 +105,10 @@ def run(options: argparse.Namespace) -> int:
     with Progress("identify") as bar:
         bar.note("preparing (the first run compiles the physics)")
         try:
-            found = identify(recorded, scene, known=dict(options.known), remap=dict(options.topic))
+            found = identify(
+                recorded, scene, known=dict(options.known), remap=dict(options.topic),
+                drive=options.drive,
+            )  # fmt: skip
         except IdentifyError as error:
             raise CommandError(f"{options.recording}: {error}") from None
     if options.json is not None:

@@ -100,7 +100,10 @@ class Identification:
 
 
 def estimate_friction(
-    scene: Scene, samples: Iterable[RecordedSample], known: Mapping[str, float] | None = None
+    scene: Scene,
+    samples: Iterable[RecordedSample],
+    known: Mapping[str, float] | None = None,
+    drive: Array | None = None,
 ) -> Identification:
     """Estimate friction from samples.
 
@@ -108,6 +111,8 @@ def estimate_friction(
         scene: body inertias and nodes; its friction parameters are the start of the search.
         samples: complete samples of a motion.
         known: parameters not to be estimated (:data:`PARAMETERS`), with their values in SI units.
+        drive: (n, 2) force and moment of a known drive over the interval that ends with each
+            sample; default: the constant one of the scene.
 
     Raises IdentifyError if the motion does not determine the coefficient, SceneError if an inertia
     is unknown.
@@ -115,7 +120,7 @@ def estimate_friction(
     known = dict(known or {})
     start = _start(scene, known)
     samples = SampleArrays.collect(samples)
-    measured = measure_intervals(scene, samples)
+    measured = measure_intervals(scene, samples, drive)
     segments = find_segments(measured, start.radius)
     slips, skipped = _slip_windows(measured, segments, start.radius)
     between = int(measured.usable.sum()) - sum(segment.size for segment in segments)
@@ -126,7 +131,7 @@ def estimate_friction(
     fitted = choice.fitted
     _refuse_noise(fitted)
     patterns = find_patterns(data, fitted)
-    coarse = _coarse_change(scene, samples, fitted)
+    coarse = _coarse_change(scene, samples, drive, fitted)
     rest = static.estimate_static(measured, segments, fitted)
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
@@ -236,13 +241,19 @@ def _refuse_noise(fitted: KineticFit) -> None:
         )
 
 
-def _coarse_change(scene: Scene, samples: SampleArrays, fitted: KineticFit) -> Array:
+def _coarse_change(
+    scene: Scene, samples: SampleArrays, drive: Array | None, fitted: KineticFit
+) -> Array:
     """Return the change (free,) of the estimates, beyond noise, with every second sample removed.
 
     Zeros if the remaining samples do not suffice.
     """
     try:
-        measured = measure_intervals(scene, samples.every_second())
+        thinned = None
+        if drive is not None:  # mean of the two intervals
+            thinned = drive[::2].copy()
+            thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
+        measured = measure_intervals(scene, samples.every_second(), thinned)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = _slip_windows(measured, segments, fitted.law.radius)
         data = Calibrated.of(slips, ContactLoads.of(slips))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.drives import without_drive
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
@@ -71,8 +72,13 @@ class Intervals:
         return float(np.median(self.dt))
 
 
-def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Intervals:
+def measure_intervals(
+    scene: Scene, samples: Iterable[RecordedSample], drive: Array | None = None
+) -> Intervals:
     """Compute the forces in the samples of a recording, with the parameters of ``scene``.
+
+    ``drive`` (n, 2) is the force and moment of a known drive over the interval that ends with each
+    sample; by default that of the scene.
 
     Raises IdentifyError if there are fewer than two samples, or friction cannot be separated from
     other forces along the slot; SceneError if an inertia is unknown.
@@ -109,7 +115,7 @@ def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Interv
             found = connector.run(block, h[rows], buffer[: len(block)])
             out[rows] = found[:, _COLUMNS]
     time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
-    return _intervals(scene, out, samples.h, time, begins)
+    return _intervals(scene, out, samples.h, time, begins, drive)
 
 
 def _check_separable(scene: Scene) -> None:
@@ -127,13 +133,14 @@ def _check_separable(scene: Scene) -> None:
         )
 
 
-def _intervals(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -> Intervals:
+def _intervals(
+    scene: Scene, out: Array, dt: Array, time: Array, begins: Mask, drive: Array | None
+) -> Intervals:
     wrench = np.hstack([_column(out, "force", 3), _column(out, "moment", 3)])
-    parts = (("force", F1, scene.command.slide.force), ("moment", M1, scene.command.spin.force))
-    for name, at, imposed in parts:
+    for name, at in (("force", F1), ("moment", M1)):
         for part in ("elastic", "viscous"):
             wrench[:, at] -= _column(out, f"{name}_{part}", 1)[:, 0]
-        wrench[:, at] -= imposed if np.isfinite(imposed) else 0.0
+    wrench = without_drive(scene, wrench, drive)
     rates = np.hstack([_column(out, "velocity", 1), _column(out, "angular_velocity", 1)])
     places = np.hstack([_column(out, "length", 1), _column(out, "angle", 1)])
     refused = out[:, _COLUMNS.index(layout.STATUS)] != layout.OK

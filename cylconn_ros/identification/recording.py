@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.drives import known_drive
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.samples import synchronized_samples
+from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
 from cylconn_ros.scene.scene import Scene
 
 
@@ -20,6 +21,7 @@ def identify(
     known: Mapping[str, float | None] | None = None,
     remap: Mapping[str, str] | None = None,
     connector: str = "",
+    drive: str = "",
 ) -> Identification:
     """Estimate the friction of a joint from a recorded motion.
 
@@ -32,6 +34,8 @@ def identify(
             with its value, or None for that of the scene.
         remap: topics of the recording by input name, e.g. ``{"body_b/odom": "/drawer/odom"}``.
         connector: the one to select of a recording of several connectors.
+        drive: topic of the effort of a motor (JointState or WrenchStamped), which is subtracted.
+            Efforts commanded on ``~/command`` are subtracted in any case.
 
     Returns
     -------
@@ -42,7 +46,7 @@ def identify(
 
     Raises
     ------
-        IdentifyError: the motion does not determine the coefficient, a drive moved the joint, no
+        IdentifyError: the motion does not determine the coefficient, a command imposed a motion, no
             scene is known, or ``known`` has an invalid name or no value.
         RecordingError: the recording cannot be read.
         SceneError: an inertia is unknown.
@@ -62,8 +66,8 @@ def identify(
     if scene is None:
         scene = _stored_scene(run)
     values = {name: _value(scene, name, value) for name, value in (known or {}).items()}
-    _refuse_drives(run)
-    return estimate_friction(scene, synchronized_samples(run, scene, remap), values)
+    samples = SampleArrays.collect(synchronized_samples(run, scene, remap))
+    return estimate_friction(scene, samples, values, known_drive(run, samples, drive))
 
 
 def _stored_scene(run: Run) -> Scene:
@@ -85,14 +89,3 @@ def _value(scene: Scene, name: str, value: float | None) -> float:
     if math.isnan(found):
         raise IdentifyError(f"known {name}: the parameters have no value; give {name}=VALUE")
     return found
-
-
-def _refuse_drives(run: Run) -> None:
-    """Raise IdentifyError if a drive moved the joint: its force is not separable from friction."""
-    for topic, kind in run.types.items():
-        name = topic.rsplit("/", 1)[-1]
-        if name == "command" and kind == "sensor_msgs/msg/JointState" and run.counts[topic]:
-            raise IdentifyError(
-                f"{run.counts[topic]} commands on {topic} drove slide or spin; "
-                "friction cannot be separated from the force of the drive"
-            )
