@@ -86,6 +86,7 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
         _, name, fitted = best
         terms.append(name)
     fitted, terms = _pruned(data, fitted, terms, reasons)
+    fitted = _freed(data, fitted, held)
     alternatives = _alternatives(data, fitted, terms)
     left = {name: reasons[name] for name in TERMS if name not in terms}
     return Choice(fitted, tuple(terms), left, alternatives, held)
@@ -159,6 +160,26 @@ def _pruned(
             fitted = again
             terms = [one for one in terms if one != name]
     return fitted, terms
+
+
+def _freed(data: Calibrated, fitted: KineticFit, held: dict[str, str]) -> KineticFit:
+    """Estimate held parameters that only the missing terms had hidden; remove them from held."""
+    for name in list(held):
+        k = NAMES.index(name)
+        free = sorted([*fitted.free, k])
+        if "no bending" in held[name] or "hardly spins" in held[name]:
+            continue
+        if (predicted_deviations(data, fitted.law, free) > MAX_PREDICTED_DEVIATION).any():
+            continue
+        try:
+            tried = fit_law(data, fitted.law, free)
+        except (IdentifyError, np.linalg.LinAlgError):
+            continue
+        scale = parameter_scales(data, tried.law)[free]
+        if (np.sqrt(np.diag(tried.covariance)) <= MAX_PREDICTED_DEVIATION * scale).all():
+            fitted = tried
+            del held[name]
+    return fitted
 
 
 def _without(data: Calibrated, fitted: KineticFit, name: str) -> KineticFit | None:

@@ -69,7 +69,7 @@ def motion(law: FrictionLaw) -> Array:
         turn = 0.45 * np.sin(4.1 * t + 0.5)
         side, bend = 14.0 * np.sin(3.1 * t), 0.35 + 0.3 * np.sin(5.3 * t)
         row = rows[k]
-        row[layout.B_POSE] = x
+        row[layout.B_POSE], row[layout.A_POSE + 6] = x, 1.0
         half = 0.5 * angle
         row[layout.B_POSE + 3], row[layout.B_POSE + 6] = np.sin(half), np.cos(half)
         row[layout.B_TWIST], row[layout.B_TWIST + 3] = v, spin
