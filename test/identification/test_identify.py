@@ -17,8 +17,8 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification import cubics
-from cylconn_ros.identification.friction import estimate_friction
 from cylconn_ros.identification.contact_loads import Calibrated, ContactLoads
+from cylconn_ros.identification.friction import estimate_friction
 from cylconn_ros.identification.kinetic import fit_law
 from cylconn_ros.identification.law import FrictionLaw
 from cylconn_ros.identification.windows import Windows
