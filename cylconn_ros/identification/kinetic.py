@@ -181,7 +181,7 @@ def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionL
             changed["preload"] = least
     if DECAY in chosen:
         size = slip(data.windows.rates, law.radius)[0]
-        low, high = 0.3 / float(size.max()), 10.0 / float(size.min())
+        low, high = 2.0 / float(size.max()), 10.0 / float(size.min())
         changed["decay"] = min(max(law.decay, low), high)
     return dataclasses.replace(law, **changed)
 

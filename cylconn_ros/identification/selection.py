@@ -137,13 +137,13 @@ def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[Kinetic
     main = best.law.vector[at[0]]
     deviation = best.deviation(at[0])
     gain = criterion(fitted, len(data)) - criterion(best, len(data))
-    scale = parameter_scales(data, best.law)[at[0]]
     text = (
         f"not needed: {NAMES[at[0]]} = {main:.3g} ± {1.96 * deviation:.2g} (criterion {-gain:+.1f})"
     )
     if abs(main) < MIN_DEVIATIONS * deviation:
         return None, text
-    wide = not np.isfinite(deviation) or deviation > 2.0 * MAX_PREDICTED_DEVIATION * scale
+    allowed = 2.0 * MAX_PREDICTED_DEVIATION * parameter_scales(data, best.law)[list(best.free)]
+    wide = not (np.sqrt(np.diag(best.covariance)) <= allowed).all()
     if wide or (name == "Stribeck decay" and not -0.95 < main < 10.0):
         return None, "not excited: the motion does not separate it from the others"
     return best, text

@@ -33,7 +33,7 @@ def test_friction_that_no_term_describes_is_rejected_and_has_no_numbers() -> Non
     rows = joints.motion(law)
     places = rows[:, 13]
     drive = np.zeros((len(rows), 2))
-    drive[:, 0] = 2.0 * np.sin(6.0 * places)
+    drive[:, 0] = 3.0 * np.sin(1.5 * places)
     found = estimate_friction(joints.scene(), joints.measured(rows, "white", 1), drive=drive)
     assert not found.accepted
     assert math.isnan(found["coefficient"].value)
