@@ -6,7 +6,7 @@ import numpy as np
 
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification.friction import Identification
-from cylconn_ros.identification.law import friction
+from cylconn_ros.identification.likelihood.law import friction
 
 POINTS = 41  # of a table
 ALONE = {

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.identification import static
-from cylconn_ros.identification.kinetic import KineticFit
-from cylconn_ros.identification.law import (
+from cylconn_ros.identification.likelihood.kinetic import KineticFit
+from cylconn_ros.identification.likelihood.law import (
     COEFFICIENT,
     DECAY,
     DIRECTION,
     NAMES,
     VISCOUS,
 )
-from cylconn_ros.identification.patterns import Pattern
-from cylconn_ros.identification.selection import BASE, TERMS, Choice
+from cylconn_ros.identification.likelihood.patterns import Pattern
+from cylconn_ros.identification.likelihood.selection import BASE, TERMS, Choice
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError, UnknownNameError
 from cylconn_ros.identification import static
-from cylconn_ros.identification.contact_loads import Calibrated, ContactLoads, well_above_noise
 from cylconn_ros.identification.estimates import (
     Estimate,
     estimates_of,
@@ -19,13 +18,23 @@ from cylconn_ros.identification.estimates import (
     verdict,
     withheld,
 )
-from cylconn_ros.identification.intervals import Intervals, measure_intervals
-from cylconn_ros.identification.kinetic import KineticFit, fit_law
-from cylconn_ros.identification.law import NAMES, FrictionLaw, slip
-from cylconn_ros.identification.patterns import Pattern, find_patterns
-from cylconn_ros.identification.segments import Segment, find_segments, slip_rate, slip_threshold
-from cylconn_ros.identification.selection import BASE, Choice, choose
-from cylconn_ros.identification.windows import Windows, cut_windows
+from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.forces.segments import (
+    Segment,
+    find_segments,
+    slip_rate,
+    slip_threshold,
+)
+from cylconn_ros.identification.forces.windows import Windows, cut_windows
+from cylconn_ros.identification.likelihood.contact_loads import (
+    Calibrated,
+    ContactLoads,
+    well_above_noise,
+)
+from cylconn_ros.identification.likelihood.kinetic import KineticFit, fit_law
+from cylconn_ros.identification.likelihood.law import NAMES, FrictionLaw, slip
+from cylconn_ros.identification.likelihood.patterns import Pattern, find_patterns
+from cylconn_ros.identification.likelihood.selection import BASE, Choice, choose
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.drives import known_drive
+from cylconn_ros.identification.forces.drives import known_drive
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples

@@ -14,12 +14,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.cubics import noise_covariance
-from cylconn_ros.identification.intervals import Intervals
-from cylconn_ros.identification.kinetic import KineticFit
-from cylconn_ros.identification.law import FrictionLaw, law_from_vector
-from cylconn_ros.identification.segments import MIN_SEGMENT, Segment, slip_rate, slip_threshold
-from cylconn_ros.identification.windows import NOISE_VARIANCE_ERROR, cut_windows, impulses
+from cylconn_ros.identification.forces.cubics import noise_covariance
+from cylconn_ros.identification.forces.intervals import Intervals
+from cylconn_ros.identification.forces.segments import (
+    MIN_SEGMENT,
+    Segment,
+    slip_rate,
+    slip_threshold,
+)
+from cylconn_ros.identification.forces.windows import NOISE_VARIANCE_ERROR, cut_windows, impulses
+from cylconn_ros.identification.likelihood.kinetic import KineticFit
+from cylconn_ros.identification.likelihood.law import FrictionLaw, law_from_vector
 
 Array = NDArray[np.float64]
 

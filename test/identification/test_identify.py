@@ -16,12 +16,12 @@ from scipy.stats import binom
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification import cubics
-from cylconn_ros.identification.contact_loads import Calibrated, ContactLoads
+from cylconn_ros.identification.forces import cubics
+from cylconn_ros.identification.forces.windows import Windows
 from cylconn_ros.identification.friction import estimate_friction
-from cylconn_ros.identification.kinetic import fit_law
-from cylconn_ros.identification.law import FrictionLaw
-from cylconn_ros.identification.windows import Windows
+from cylconn_ros.identification.likelihood.contact_loads import Calibrated, ContactLoads
+from cylconn_ros.identification.likelihood.kinetic import fit_law
+from cylconn_ros.identification.likelihood.law import FrictionLaw
 from cylconn_ros.recording.samples import RecordedSample
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant

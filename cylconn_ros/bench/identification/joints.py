@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.identification.law import FrictionLaw
+from cylconn_ros.identification.likelihood.law import FrictionLaw
 from cylconn_ros.recording.samples import SampleArrays
 from cylconn_ros.scene.scene import Scene
 

@@ -13,15 +13,19 @@ from typing import NamedTuple
 import numpy as np
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.contact_loads import MIN_SIGNAL_TO_NOISE, Calibrated, ContactLoads
-from cylconn_ros.identification.kinetic import (
+from cylconn_ros.identification.likelihood.contact_loads import (
+    MIN_SIGNAL_TO_NOISE,
+    Calibrated,
+    ContactLoads,
+)
+from cylconn_ros.identification.likelihood.kinetic import (
     KineticFit,
     fit_law,
     parameter_scales,
     predicted_deviations,
     unexplained,
 )
-from cylconn_ros.identification.law import (
+from cylconn_ros.identification.likelihood.law import (
     COEFFICIENT,
     DECAY,
     DIRECTION,

@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.windows import Windows
+from cylconn_ros.identification.forces.windows import Windows
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.cubics import SHORT_WINDOW, fit_cubics, window_rows
-from cylconn_ros.identification.intervals import Intervals
+from cylconn_ros.identification.forces.cubics import SHORT_WINDOW, fit_cubics, window_rows
+from cylconn_ros.identification.forces.intervals import Intervals
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.contact_loads import Calibrated
-from cylconn_ros.identification.kinetic import KineticFit, factors
-from cylconn_ros.identification.law import friction, slip
+from cylconn_ros.identification.likelihood.contact_loads import Calibrated
+from cylconn_ros.identification.likelihood.kinetic import KineticFit, factors
+from cylconn_ros.identification.likelihood.law import friction, slip
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.contact_loads import Calibrated
-from cylconn_ros.identification.law import (
+from cylconn_ros.identification.likelihood.contact_loads import Calibrated
+from cylconn_ros.identification.likelihood.law import (
     DECAY,
     OFFSET,
     OVERLAP,

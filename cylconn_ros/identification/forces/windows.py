@@ -18,9 +18,14 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.cubics import TERMS, fit_cubics, noise_covariance, window_rows
-from cylconn_ros.identification.intervals import Intervals
-from cylconn_ros.identification.segments import Segment, split_segment
+from cylconn_ros.identification.forces.cubics import (
+    TERMS,
+    fit_cubics,
+    noise_covariance,
+    window_rows,
+)
+from cylconn_ros.identification.forces.intervals import Intervals
+from cylconn_ros.identification.forces.segments import Segment, split_segment
 
 Array = NDArray[np.float64]
 

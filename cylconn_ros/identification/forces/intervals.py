@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.drives import without_drive
+from cylconn_ros.identification.forces.drives import without_drive
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
