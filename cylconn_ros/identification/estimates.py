@@ -135,8 +135,10 @@ def withheld(e: Estimate, reason: str) -> Estimate:
     return Estimate(e.name, np.nan, np.nan, np.nan, e.unit, reason)
 
 
-def verdict(choice: Choice, patterns: Sequence[Pattern]) -> list[str]:
+def verdict(choice: Choice, patterns: Sequence[Pattern], doubts: Sequence[str]) -> list[str]:
     """Say in sentences whether to believe the numbers, and why."""
+    if doubts:
+        return [f"do not use: {doubt}" for doubt in doubts]
     rejected = [one for one in patterns if one.rejected]
     names = ", ".join(("Coulomb", *choice.terms))
     if rejected:

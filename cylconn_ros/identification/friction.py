@@ -18,6 +18,13 @@ from cylconn_ros.identification.estimates import (
     verdict,
     withheld,
 )
+from cylconn_ros.identification.forces.correlation import (
+    MOST_TOGETHER,
+    Correlation,
+    independent_noise,
+    together,
+)
+from cylconn_ros.identification.forces.delay import Delay, twist_delay
 from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
 from cylconn_ros.identification.forces.segments import (
     Segment,
@@ -69,6 +76,8 @@ class Identification:
         static: static friction.
         choice: terms of the model, those left out with the reason, and alternatives.
         patterns: residuals over rate, direction, load, place and time, most significant first.
+        doubts: errors of the sensors for which the estimates are withheld, with the remedy.
+        remarks: errors of the sensors that were allowed for.
     """
 
     estimates: dict[str, Estimate]
@@ -90,15 +99,17 @@ class Identification:
     static: static.StaticFriction = dataclasses.field(repr=False)
     choice: Choice = dataclasses.field(repr=False)
     patterns: tuple[Pattern, ...] = dataclasses.field(repr=False)
+    doubts: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
-        """Whether the model holds: no residual pattern rejects it."""
-        return not any(one.rejected for one in self.patterns)
+        """Whether the values hold: no doubt, and no residual pattern that rejects the model."""
+        return not (self.doubts or any(one.rejected for one in self.patterns))
 
     def verdict(self) -> list[str]:
         """Say in sentences whether to believe the numbers, and why."""
-        return verdict(self.choice, self.patterns)
+        return [*verdict(self.choice, self.patterns, self.doubts), *self.remarks]
 
     def __getitem__(self, name: str) -> Estimate:
         """Return an estimate by name; raise UnknownNameError if there is none."""
@@ -130,6 +141,8 @@ def estimate_friction(
     start = _start(scene, known)
     samples = SampleArrays.collect(samples)
     measured = measure_intervals(scene, samples, drive)
+    duration, delay = float(measured.time[-1]), twist_delay(measured)
+    measured, taken, noise = independent_noise(measured, start.radius)
     segments = find_segments(measured, start.radius)
     slips, skipped = _slip_windows(measured, segments, start.radius)
     between = int(measured.usable.sum()) - sum(segment.size for segment in segments)
@@ -140,13 +153,13 @@ def estimate_friction(
     fitted = choice.fitted
     _refuse_noise(fitted)
     patterns = find_patterns(data, fitted)
-    coarse = _coarse_change(scene, samples, drive, fitted)
+    coarse = _coarse_change(scene, samples, drive, fitted, max(taken, 1))
     rest = static.estimate_static(measured, segments, fitted)
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
-    rejected = tuple(one for one in patterns if one.rejected)
-    if rejected:
-        reason = f"model rejected: {rejected[0].describe()}"
+    doubts, remarks = _judge_noise(taken, noise, delay)
+    rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
+    if reason := next(iter([*doubts, *rejected]), ""):
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
     law = fitted.law
     _, cos, sin = slip(slips.rates, law.radius)
@@ -158,7 +171,7 @@ def estimate_friction(
     return Identification(
         estimates=estimates,
         samples=len(samples),
-        duration=float(measured.time[-1]),
+        duration=duration,
         slip_intervals=int(slips.intervals.sum()),
         rest_intervals=sum(s.size for s in segments if not s.slips),
         windows=len(slips),
@@ -175,7 +188,25 @@ def estimate_friction(
         static=rest,
         choice=choice,
         patterns=tuple(patterns),
+        doubts=doubts,
+        remarks=remarks,
     )
+
+
+def _judge_noise(
+    taken: int, noise: Correlation, delay: Delay
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return why the sensors' errors forbid an estimate, and how they were treated otherwise."""
+    doubts: tuple[str, ...] = (delay.describe(),) if delay.counts else ()
+    if taken == 0:
+        doubts += (
+            f"{noise.describe()}, also over up to {MOST_TOGETHER} samples; record twists that are "
+            "not filtered, or at a higher rate if the motion changes within a few samples",
+        )
+    remarks: tuple[str, ...] = ()
+    if taken > 1:
+        remarks = (f"{noise.describe()}: {taken} intervals were taken as one",)
+    return doubts, remarks
 
 
 def _start(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
@@ -251,7 +282,7 @@ def _refuse_noise(fitted: KineticFit) -> None:
 
 
 def _coarse_change(
-    scene: Scene, samples: SampleArrays, drive: Array | None, fitted: KineticFit
+    scene: Scene, samples: SampleArrays, drive: Array | None, fitted: KineticFit, taken: int
 ) -> Array:
     """Return the change (free,) of the estimates, beyond noise, with every second sample removed.
 
@@ -263,6 +294,7 @@ def _coarse_change(
             thinned = drive[::2].copy()
             thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
         measured = measure_intervals(scene, samples.every_second(), thinned)
+        measured = together(measured, (taken + 1) // 2)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = _slip_windows(measured, segments, fitted.law.radius)
         data = Calibrated.of(slips, ContactLoads.of(slips))

@@ -138,14 +138,18 @@ def _dispersed(square: float, n: int) -> float:
     return 0.5 * square / k + n * np.log(k)
 
 
-def fit_law(data: Calibrated, start: FrictionLaw, free: Sequence[int]) -> KineticFit:
+def fit_law(
+    data: Calibrated, start: FrictionLaw, free: Sequence[int], iterations: int = MAX_ITERATIONS
+) -> KineticFit:
     """Fit the parameters ``free`` (indices of law.NAMES); the others are held as in ``start``.
+
+    ``iterations`` limits their number.
 
     Raises IdentifyError if the traction does not oppose the slip.
     """
     chosen = list(free)
     law, rates = start, data.windows.rates
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(iterations):
         scale = parameter_scales(data, law)[chosen]
         inverse, _ = factors(data, law)
         r = weighted_residuals(data, law, inverse)

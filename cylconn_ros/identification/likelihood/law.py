@@ -64,7 +64,7 @@ class FrictionLaw:
     @property
     def vector(self) -> Array:
         """The fitted vector (10,) in the order of NAMES, with ln mu, 2/L, ln R and ln dc."""
-        v = np.array(dataclasses.astuple(self))
+        v = np.array([getattr(self, name) for name in _FIELDS])
         v[[COEFFICIENT, RADIUS, DECAY]] = np.log(v[[COEFFICIENT, RADIUS, DECAY]])
         return v
 
@@ -77,6 +77,9 @@ class FrictionLaw:
     def without_coulomb(self, rates: Array) -> Array:
         """Return viscous friction and offset (n, 2), as they resist: N, N.m."""
         return np.asarray(rates * [self.c1, self.cr1] + [self.offset, 0.0])
+
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(FrictionLaw))
 
 
 def law_from_vector(x: Array) -> FrictionLaw:

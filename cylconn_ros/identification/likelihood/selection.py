@@ -19,6 +19,7 @@ from cylconn_ros.identification.likelihood.contact_loads import (
     ContactLoads,
 )
 from cylconn_ros.identification.likelihood.kinetic import (
+    MAX_ITERATIONS,
     KineticFit,
     fit_law,
     parameter_scales,
@@ -46,6 +47,7 @@ MIN_GAIN = 2.0  # of the criterion
 MIN_DEVIATIONS = 2.5  # standard deviations of a term that enters
 SAME = 3.0  # difference of the criterion below which two models describe the data equally well
 MIN_UNEXPLAINED = 0.02  # of the effect of a term: what the terms in the model cannot imitate
+ROUGH = 10  # iterations of the fits that search for the decay
 DECAYS = 6  # start values of the decay
 TERMS: dict[str, tuple[int, ...]] = {
     "viscous friction of the slide": (VISCOUS,),
@@ -131,13 +133,17 @@ def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[Kinetic
     best: KineticFit | None = None
     for start in starts:
         try:
-            tried = fit_law(data, start, sorted([*free, *at]))
+            tried = fit_law(
+                data, start, sorted([*free, *at]), ROUGH if len(starts) > 1 else MAX_ITERATIONS
+            )
         except (IdentifyError, np.linalg.LinAlgError):
             continue
         if best is None or tried.cost < best.cost:
             best = tried
     if best is None:
         return None, "no fit"
+    if len(starts) > 1 and criterion(fitted, len(data)) - criterion(best, len(data)) > -SAME:
+        best = fit_law(data, best.law, best.free)
     main = best.law.vector[at[0]]
     deviation = best.deviation(at[0])
     gain = criterion(fitted, len(data)) - criterion(best, len(data))
