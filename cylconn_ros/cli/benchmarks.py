@@ -173,18 +173,20 @@ def _soak() -> Benchmark:
 
 
 def _identification() -> Benchmark:
-    """Coverage of the intervals of identify on simulated joints, and an axis of known parameters.
+    """Coverage of the intervals of identify on simulated joints, beside ordinary least squares.
+
+    Also an axis of known parameters.
 
     200 draws of each friction and noise, which takes hours; finished draws are kept in
     identification.jsonl of the working directory, from which the next run resumes.
     """
-    from cylconn_ros.bench.identification import coverage
+    from cylconn_ros.bench.identification import coverage, text
 
     def measured(settings: Settings) -> Findings:
         with Progress("coverage") as bar:
             return coverage.measure(settings, bar)
 
-    return Benchmark([("coverage of intervals", measured)], coverage.text)
+    return Benchmark([("coverage of intervals", measured)], text.text)
 
 
 BENCHMARKS: dict[str, Callable[[], Benchmark]] = {

@@ -39,8 +39,12 @@ from cylconn_ros.identification.likelihood.contact_loads import (
     well_above_noise,
 )
 from cylconn_ros.identification.likelihood.kinetic import KineticFit, fit_law
-from cylconn_ros.identification.likelihood.law import NAMES, FrictionLaw, slip
-from cylconn_ros.identification.likelihood.patterns import Pattern, find_patterns
+from cylconn_ros.identification.likelihood.law import COEFFICIENT, NAMES, FrictionLaw, slip
+from cylconn_ros.identification.likelihood.patterns import (
+    Pattern,
+    find_patterns,
+    unexplained_spread,
+)
 from cylconn_ros.identification.likelihood.selection import BASE, Choice, choose
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
@@ -151,13 +155,15 @@ def estimate_friction(
     data = Calibrated.of(slips, loads)
     choice = choose(data, loads, start, _free(known))
     fitted = choice.fitted
-    _refuse_noise(fitted)
+    _refuse_noise(choice)
     patterns = find_patterns(data, fitted)
     coarse = _coarse_change(scene, samples, drive, fitted, max(taken, 1))
     rest = static.estimate_static(measured, segments, fitted)
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
     doubts, remarks = _judge_noise(taken, noise, delay)
+    if spread := unexplained_spread(data, fitted):
+        doubts += (spread,)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
     if reason := next(iter([*doubts, *rejected]), ""):
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
@@ -270,15 +276,18 @@ def _slip_windows(
     return chosen, +skipped
 
 
-def _refuse_noise(fitted: KineticFit) -> None:
+def _refuse_noise(choice: Choice) -> None:
     """Raise IdentifyError if the coefficient does not differ significantly from zero."""
-    relative = float(np.sqrt(fitted.covariance[0, 0]))
+    relative = choice.fitted.deviation(COEFFICIENT)
     if relative > MAX_RELATIVE_DEVIATION:
-        mu = fitted.law.coefficient
-        raise IdentifyError(
-            f"no friction shows beyond the noise: mu = {mu:.2g} with a standard deviation of "
-            f"{mu * relative:.2g}"
-        )
+        mu = choice.fitted.law.coefficient
+        seen = f"mu = {mu:.2g} with a standard deviation of {mu * relative:.2g}"
+        if choice.terms:
+            raise IdentifyError(
+                f"the motion does not separate the coefficient from {', '.join(choice.terms)}: "
+                f"{seen}; record slower and faster slip under several loads"
+            )
+        raise IdentifyError(f"no friction shows beyond the noise: {seen}")
 
 
 def _coarse_change(

@@ -1,23 +1,36 @@
-"""Coverage of the 95 % intervals of identification, by friction, noise and parameter."""
+"""Coverage of the 95 % intervals of identification, by friction, noise and parameter.
+
+Beside it ordinary least squares, on the same recordings.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from cylconn_ros.bench.common.results import Findings, Measurement
 from cylconn_ros.bench.common.settings import Settings
-from cylconn_ros.bench.identification import axis, joints
+from cylconn_ros.bench.identification import axis, guides, joints
+from cylconn_ros.bench.identification.least_squares import least_squares
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification.effort import estimate_axis
 from cylconn_ros.identification.friction import estimate_friction
+from cylconn_ros.recording.samples import SampleArrays
+from cylconn_ros.scene.scene import Scene
 
 DRAWS, QUICK = 200, 1
 KEPT = Path("identification.jsonl")
 AXIS = "axis of known parameters"
+AXIS_NOISES = {"encoder": 0.0, "encoder, 5 N on the drive": 5.0}
+OURS, OTHER = "identify", "least squares"
+
+Draw = dict[str, list[float]]
+"""Inside (1 or 0) and relative error by "subject/parameter"; no parameter if it was withheld."""
+Job = tuple[str, str, int]
 
 
 def measure(
@@ -29,22 +42,20 @@ def measure(
     repeated by the next run.
     """
     draws = settings.samples or (QUICK if settings.quick else DRAWS)
-    models = list(joints.MODELS)[:2] if settings.quick else list(joints.MODELS)
-    noises = joints.NOISES[:1] if settings.quick else joints.NOISES
+    cases = [(model, noise) for model in joints.MODELS for noise in joints.NOISES]
+    if settings.quick:
+        cases = [(model, "white") for model in list(joints.MODELS)[:2]]
+    cases += [(name, "white") for name in guides.GUIDES]
+    cases += [(AXIS, noise) for noise in AXIS_NOISES]
     file = kept or (None if settings.quick else KEPT)
     done = _read(file)
-    jobs = [(m, z, k) for m in models for z in noises for k in range(draws)]
-    jobs += [(AXIS, "encoder", k) for k in range(draws)]
+    # One draw of every case after the other: an interrupted run has as many draws of each.
+    jobs = [(model, noise, k) for k in range(draws) for model, noise in cases]
     exact: dict[str, np.ndarray] = {}
-    for number, (model, noise, seed) in enumerate(jobs):
-        key = f"{model}|{noise}|{seed}"
+    for number, job in enumerate(jobs):
+        key = "|".join(map(str, job))
         if key not in done:
-            if model == AXIS:
-                done[key] = _axis(seed)
-            else:
-                if model not in exact:
-                    exact = {model: joints.motion(joints.law_of(model))}
-                done[key] = _joint(model, exact[model], noise, seed)
+            done[key] = draw(job, exact)
             if file is not None:
                 with file.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps({key: done[key]}) + "\n")
@@ -52,36 +63,65 @@ def measure(
     return _counted(jobs, done)
 
 
-Draw = dict[str, list[float]]
-"""Inside (1 or 0) and relative error by parameter; empty if the estimate was withheld."""
-
-
-def _joint(model: str, rows: np.ndarray, noise: str, seed: int) -> Draw:
+def draw(job: Job, exact: dict[str, np.ndarray]) -> Draw:
+    """Draw and estimate once; ``exact`` keeps motions without noise."""
+    model, noise, seed = job
+    if model == AXIS:
+        return _axis(noise, seed)
+    if model in guides.GUIDES:
+        guide = guides.GUIDES[model]
+        if model not in exact:
+            exact[model] = guides.motion(guide)
+        mean = 0.5 * (guide.forward + guide.backward)
+        half = 0.5 * (guide.forward - guide.backward)
+        truth = {"coefficient": mean, "c1": guide.viscous, "direction": half / mean}
+        samples = guides.measured(exact[model], seed)
+        return _estimated(guides.scene(), samples, truth, guides.scene().friction.radius)
     law = joints.law_of(model)
+    if model not in exact:
+        exact[model] = joints.motion(law)
     truth = {
         "coefficient": law.coefficient, "preload": law.preload, "overlap": 2.0 / law.bending,
         "radius": law.radius, "c1": law.c1, "cr1": law.cr1, "direction": law.direction,
         "offset": law.offset, "stribeck": law.stribeck,
     }  # fmt: skip
+    samples = joints.measured(exact[model], noise, seed)
+    return _estimated(joints.scene(), samples, truth, law.radius)
+
+
+def _estimated(
+    scene: Scene, samples: SampleArrays, truth: Mapping[str, float], radius: float
+) -> Draw:
+    found: Draw = {}
+    begin = time.process_time()
+    other = least_squares(scene, samples, radius)
+    found[f"{OTHER}/time"] = [1.0, time.process_time() - begin]
+    for name, (value, low, high) in other.items():
+        if name in truth:
+            found[f"{OTHER}/{name}"] = _judged(value, low, high, truth[name])
+    begin = time.process_time()
     try:
-        found = estimate_friction(joints.scene(), joints.measured(rows, noise, seed))
+        estimates = estimate_friction(scene, samples).estimates
     except IdentifyError:
-        return {}
-    draw = {}
+        estimates = {}
+    found[f"{OURS}/time"] = [1.0, time.process_time() - begin]
     for name, value in truth.items():
-        e = found.estimates[name]
-        if e.found:
-            error = (e.value - value) / value if value else e.value
-            draw[name] = [float(e.low <= value <= e.high), float(error)]
-    return draw
+        e = estimates.get(name)
+        if e is not None and e.found:
+            found[f"{OURS}/{name}"] = _judged(e.value, e.low, e.high, value)
+    return found
 
 
-def _axis(seed: int) -> Draw:
-    found = estimate_axis([axis.simulate(seed=seed)])
-    draw = {}
-    for name, value in axis.TRUTH.items():
-        estimate, low, high = found[name]
-        draw[name] = [float(low <= value <= high), (estimate - value) / value]
+def _judged(value: float, low: float, high: float, truth: float) -> list[float]:
+    return [float(low <= truth <= high), (value - truth) / truth if truth else value]
+
+
+def _axis(noise: str, seed: int) -> Draw:
+    begin = time.process_time()
+    found = estimate_axis([axis.simulate(seed=seed, noise=AXIS_NOISES[noise])])
+    draw: Draw = {f"{OURS}/time": [1.0, time.process_time() - begin]}
+    for name, truth in axis.TRUTH.items():
+        draw[f"{OURS}/{name}"] = _judged(*found[name], truth)
     return draw
 
 
@@ -97,46 +137,29 @@ def _read(file: Path | None) -> dict[str, Draw]:
     return found
 
 
-def _counted(jobs: list[tuple[str, str, int]], done: dict[str, Draw]) -> Findings:
+def _counted(jobs: list[Job], done: dict[str, Draw]) -> Findings:
     cases: dict[tuple[str, str], list[Draw]] = {}
     for model, noise, seed in jobs:
         cases.setdefault((model, noise), []).append(done[f"{model}|{noise}|{seed}"])
-    measurements = []
+    found = []
     for (model, noise), draws in cases.items():
-        withheld = sum(not draw for draw in draws)
-        measurements.append(
-            Measurement(model, noise, "withheld", withheld / len(draws), "1", count=len(draws))
-        )
-        for name in dict.fromkeys(key for draw in draws for key in draw):
-            inside = [draw[name][0] for draw in draws if name in draw]
-            errors = [abs(draw[name][1]) for draw in draws if name in draw]
-            measurements.append(
-                Measurement(
-                    model,
-                    noise,
-                    name,
-                    float(np.mean(inside)),
-                    "1",
-                    count=len(inside),
-                    note=f"median error {np.median(errors):.2g}",
+        names = dict.fromkeys(key for one in draws for key in one)
+        for subject in dict.fromkeys(key.partition("/")[0] for key in names):
+            case, where = f"{model}, {noise}", f"{subject}/"
+            kept = [sum(k.startswith(where) for k in one) > 1 for one in draws]
+            withheld = 1.0 - float(np.mean(kept))
+            found.append(Measurement(case, subject, "withheld", withheld, "1", count=len(draws)))
+            for key in (key for key in names if key.startswith(where)):
+                inside, errors = np.array([one[key] for one in draws if key in one]).T
+                name = key.removeprefix(where)
+                if name == "time":
+                    value = float(np.median(errors))
+                    found.append(Measurement(case, subject, name, value, "s", count=len(errors)))
+                    continue
+                share, worst = float(inside.mean()), float(np.abs(errors).max())
+                bias = float(np.median(errors))
+                note = f"median error {bias:+.2g}, largest {worst:.2g}"
+                found.append(
+                    Measurement(case, subject, name, share, "1", count=len(errors), note=note)
                 )
-            )
-    return Findings(measurements=measurements)
-
-
-def text(findings: Findings) -> str:
-    """Return a Markdown table: share of the intervals that contain the truth, and of how many."""
-    lines = ["| friction | noise | inside the interval (draws) | withheld |", "|---|---|---|---|"]
-    cases: dict[tuple[str, str], list[Measurement]] = {}
-    for one in findings.measurements:
-        cases.setdefault((one.case, one.subject), []).append(one)
-    for (model, noise), found in cases.items():
-        cells = [
-            f"{one.quantity} {100.0 * one.value:.0f} % ({one.count})"
-            for one in found
-            if one.quantity != "withheld"
-        ]
-        withheld = next(one for one in found if one.quantity == "withheld")
-        share = f"{round(withheld.value * withheld.count)} of {withheld.count}"
-        lines.append(f"| {model} | {noise} | {', '.join(cells)} | {share} |")
-    return "\n".join(lines)
+    return Findings(measurements=found)

@@ -22,6 +22,8 @@ GROUPS = 8
 MIN_GROUP = 5  # windows
 ALARM = 1e-3  # probability that a law that holds is rejected
 MATERIAL = 0.01  # of the median traction: smallest pattern that counts
+MAX_MISFIT = 2.5  # mean squared residual over that of the noise
+MAX_SPREAD = 0.05  # of the median traction: residuals that the misfit may exceed
 MIN_SPREAD = 1e-3  # of a quantity, relative; below it does not change
 
 
@@ -97,6 +99,27 @@ def find_patterns(data: Calibrated, fitted: KineticFit) -> list[Pattern]:
             middles = np.array([value[part].mean() for part in parts])
             found.append(Pattern(name, component, middles, means, p, big and p < ALARM / tests))
     return sorted(found, key=lambda one: one.p)
+
+
+def unexplained_spread(data: Calibrated, fitted: KineticFit) -> str:
+    """Say by how much residuals without a pattern exceed the noise; empty if they do not.
+
+    The intervals include such a spread only if the noise of neighbouring samples, from which the
+    loads are calibrated, is the whole noise.
+    """
+    law = fitted.law
+    e = (data.force - friction(law, data.windows.rates, data.loads)) / [1.0, law.radius]
+    usual = float(np.median(np.hypot(data.force[:, 0], data.force[:, 1] / law.radius)))
+    share = float(np.sqrt(np.median(np.square(e).sum(axis=1)))) / max(usual, 1e-300)
+    if fitted.misfit < MAX_MISFIT or share < MAX_SPREAD:
+        return ""
+    return (
+        f"residuals are {100.0 * share:.0f} % of the traction and {np.sqrt(fitted.misfit):.1f} "
+        f"times the noise that neighbouring samples show (expected 1, at most "
+        f"{np.sqrt(MAX_MISFIT):.1f}): either twists are smoothed, or friction varies in a way that "
+        "no term describes; record unfiltered twists, and repeat the motion to see whether the "
+        "residuals repeat"
+    )
 
 
 def _probability(groups: list[Array], used: int) -> float:
