@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CUTOFF = 20.0  # Hz
 ORDER = 4
 LEAST_RATE = 0.02  # m/s
-CHANGES = 0.1  # relative; a cause of friction that changes or counts less is left out
+CHANGES = 0.03  # relative; a cause of friction that changes or counts less is left out
 
 
 def least_squares(
@@ -49,7 +49,7 @@ def least_squares(
         "constant": np.ones(len(low)) if varies else None,
         "moment": moment if np.median(moment) > CHANGES * radius * np.median(radial) else None,
         "slide": slide * cos,
-        "spin": spin * sin / radius if np.median(np.abs(sin)) > CHANGES else None,
+        "spin": spin * sin / radius if np.abs(sin).max() > CHANGES else None,
         "offset": cos if (cos > 0.0).any() and (cos < 0.0).any() else None,
     }
     design = np.stack([c for c in columns.values() if c is not None], axis=1)
