@@ -211,12 +211,25 @@ def _alternatives(data: Calibrated, fitted: KineticFit, terms: list[str]) -> dic
         for other in TERMS:
             if other in terms or other == "Stribeck decay":
                 continue
+            if _same_effect(data, fitted, less, other):
+                found[name] = other
+                continue
             tried, _ = _with_term(data, less, other)
             if tried is None:
                 continue
             if criterion(tried, len(data)) - criterion(fitted, len(data)) < SAME:
                 found[name] = other
     return found
+
+
+def _same_effect(data: Calibrated, fitted: KineticFit, less: KineticFit, other: str) -> bool:
+    """Return whether a term has the effect of the one that ``less`` lacks, and no other one.
+
+    Then only the spread of the residuals prefers one of them, which is not enough.
+    """
+    k = TERMS[other][0]
+    own = unexplained(data, less.law, less.free, k)
+    return own > MIN_UNEXPLAINED > unexplained(data, fitted.law, fitted.free, k)
 
 
 def fit_excited(
