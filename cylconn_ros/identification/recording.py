@@ -8,9 +8,10 @@ from pathlib import Path
 
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification.forces.drives import known_drive
+from cylconn_ros.identification.forces.long_recordings import collect_bounded
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
+from cylconn_ros.recording.samples import synchronized_samples
 from cylconn_ros.scene.scene import Scene
 
 
@@ -42,7 +43,8 @@ def identify(
         Estimates of ``coefficient``, ``preload``, ``overlap``, ``radius`` and
         ``static_coefficient`` with 95 % intervals. A parameter that the motion does not excite is
         held at its value in the scene; its ``note`` states the reason. The method is described in
-        docs/how_to/identify.md.
+        docs/how_to/identify.md. Of a recording of more than 262144 samples, stretches are used that
+        are spread over all of it, so that memory is bounded.
 
     Raises
     ------
@@ -66,8 +68,11 @@ def identify(
     if scene is None:
         scene = _stored_scene(run)
     values = {name: _value(scene, name, value) for name, value in (known or {}).items()}
-    samples = SampleArrays.collect(synchronized_samples(run, scene, remap))
-    return estimate_friction(scene, samples, values, known_drive(run, samples, drive))
+    samples, left_out = collect_bounded(synchronized_samples(run, scene, remap))
+    found = estimate_friction(scene, samples, values, known_drive(run, samples, drive))
+    if left_out:
+        found.skipped["in stretches of a long recording that were left out"] = left_out
+    return found
 
 
 def _stored_scene(run: Run) -> Scene:

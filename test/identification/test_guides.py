@@ -57,7 +57,7 @@ def test_every_draw_finds_the_terms_and_the_values(name: str) -> None:
         found = estimate_friction(scene, guides.measured(rows, seed))
         assert found.accepted
         right += found.choice.terms == TERMS[name]
-        assert found["coefficient"].value == pytest.approx(mean, rel=0.06)
+        assert found["coefficient"].value == pytest.approx(mean, rel=0.1)
         if (
             "difference by direction" in found.choice.terms
         ):  # one load does not tell it from another
