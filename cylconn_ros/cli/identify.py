@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector, add_recording
+from cylconn_ros.cli.identify_axis import axis_report
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.run import read_run
@@ -84,6 +85,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="effort of a motor, as JointState or WrenchStamped: not friction",
     )  # fmt: skip
     parser.add_argument(
+        "--with", dest="others", type=Path, action="append", default=[], metavar="BAG",
+        help="further recording of the same joint, fitted together with BAG",
+    )  # fmt: skip
+    parser.add_argument(
+        "--axis", default="", metavar="TOPIC[:JOINT]",
+        help="mass and friction of one axis from positions and efforts of a JointState, without "
+        "inertia and parameters; friction is one number, mu FN0",
+    )  # fmt: skip
+    parser.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the estimate: .png, .svg or .pdf"
     )
     parser.add_argument(
@@ -95,8 +105,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate and report; 1 if the model is rejected, so that there are no numbers."""
+    """Estimate and report.
+
+    Exit codes: 1 if the values are withheld, 2 if nothing can be estimated.
+    """
     _check(options)
+    if options.axis:
+        return axis_report(options.axis, [options.recording, *options.others], options.json)
     from cylconn_ros.errors import IdentifyError
     from cylconn_ros.identification.recording import identify
 
@@ -107,7 +122,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             found = identify(
                 recorded, scene, known=dict(options.known), remap=dict(options.topic),
-                drive=options.drive,
+                drive=options.drive, others=options.others,
             )  # fmt: skip
         except IdentifyError as error:
             raise CommandError(f"{recorded.path}: {error}") from None

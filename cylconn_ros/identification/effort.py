@@ -31,7 +31,7 @@ MIN_WINDOWS = 20
 LAGS = 4  # windows whose scores may depend on each other
 POWER = 4  # of the test function (1 - x^2)^4
 SMOOTH = 8  # samples over which the sign of the rate is taken
-MAX_DEVIATION = 0.25  # relative; a parameter known worse is withheld
+MAX_HALF_WIDTH = 0.5  # of a value, for the offset of Fc; a parameter known worse is withheld
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +73,12 @@ class AxisEstimate:
         """Return value and interval of a parameter."""
         k = NAMES.index(name)
         return float(self.value[k]), float(self.low[k]), float(self.high[k])
+
+    def determined(self, name: str) -> bool:
+        """Whether the interval is narrow enough for the value to be of use."""
+        value, low, high = self[name]
+        size = abs(self["preload_friction"][0]) if name == "offset" else abs(value)
+        return 0.5 * (high - low) <= MAX_HALF_WIDTH * size
 
 
 def estimate_axis(

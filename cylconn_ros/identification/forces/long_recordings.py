@@ -1,4 +1,4 @@
-"""Samples of a long recording within bounded memory: stretches of it, at rest and in motion.
+"""Samples of long and of several recordings: within bounded memory, at rest and in motion.
 
 Above MOST_SAMPLES every second stretch of the more numerous kind is left out, again and again, so
 that both kinds stay spread over the whole recording. A stretch begins a new history.
@@ -7,7 +7,7 @@ that both kinds stay spread over the whole recording. A stretch begins a new his
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 MOST_SAMPLES = 1 << 18
 STRETCH = 1 << 13  # samples
+BETWEEN = 1_000_000_000  # ns, between recordings
 STILL = 0.02  # of the greatest travel: a stretch that moves less is at rest
 
 
@@ -64,13 +65,35 @@ def collect_bounded(
             kept = [one for one in kept if one.number not in dropped]
     if not kept:
         return SampleArrays.collect([]), 0
-    parts = [one.samples for one in kept]
     for before, after in itertools.pairwise(kept):
         if after.number != before.number + 1:
             after.samples.restarted[0] = True
+    return _concatenated([one.samples for one in kept]), left_out
+
+
+def joined(recordings: Sequence[SampleArrays]) -> SampleArrays:
+    """Return the samples of several recordings as those of one, each with a history of its own.
+
+    The stamps of every recording are shifted to begin after the end of the one before.
+    """
+    if len(recordings) == 1:
+        return recordings[0]
+    parts, begin = [], 0
+    for one in recordings:
+        if not len(one):
+            continue
+        restarted = one.restarted.copy()
+        restarted[0] = True
+        stamps = one.stamps - one.stamps.min() + begin
+        parts.append(SampleArrays(stamps, one.h, restarted, one.samples))
+        begin = int(stamps.max()) + BETWEEN
+    return _concatenated(parts) if parts else recordings[0]
+
+
+def _concatenated(parts: Sequence[SampleArrays]) -> SampleArrays:
     return SampleArrays(
         *(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("stamps", "h", "restarted", "samples")
         )
-    ), left_out
+    )
