@@ -106,16 +106,32 @@ def measure_intervals(
     h = np.where(begins, 0.0, samples.h)
     out = np.empty((len(samples), len(_COLUMNS)))
     edges = [*np.flatnonzero(begins).tolist(), len(samples)]
+    loads = _loads(samples, usual)
     buffer = np.empty((_BLOCK, layout.NOUT))
     for begin, end in itertools.pairwise(edges):
         connector.reset()
         for at in range(begin, end, _BLOCK):
             rows = slice(at, min(at + _BLOCK, end))
-            block = np.ascontiguousarray(samples.samples[rows])
+            block = samples.samples[rows].copy()
+            block[:, layout.LOADS] = loads[rows]
             found = connector.run(block, h[rows], buffer[: len(block)])
             out[rows] = found[:, _COLUMNS]
     time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
     return _intervals(scene, out, samples.h, time, begins, drive)
+
+
+def _loads(samples: SampleArrays, usual: float) -> Array:
+    """Return the loads (n, 12) in force over the interval that begins with each sample.
+
+    Those of the sample, in force until the next one. If samples were lost in between, their loads
+    are those interpolated: the mean over n periods is (n - 1)/(2 n) of the way to the next load.
+    """
+    loads: Array = samples.samples[:, layout.LOADS].copy()
+    periods = np.maximum(samples.h[1:] / usual, 1.0)
+    share = 0.5 * (1.0 - 1.0 / periods)
+    share[samples.restarted[1:]] = 0.0
+    loads[:-1] += share[:, None] * np.diff(samples.samples[:, layout.LOADS], axis=0)
+    return loads
 
 
 def _check_separable(scene: Scene) -> None:
