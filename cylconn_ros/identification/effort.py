@@ -138,7 +138,13 @@ def _fit(
     for lag in range(1, LAGS):
         cross = scores[lag:].T @ scores[:-lag]
         meat += (1.0 - lag / LAGS) * (cross + cross.T)
-    covariance = bread @ meat @ bread / np.outer(scale, scale)
+    covariance = bread @ meat @ bread
+    # The scores of a parameter that few windows determine estimate their spread badly: at least as
+    # wide as with the same spread in all windows, neighbours correlated as they are.
+    near = max(float(r[1:] @ r[:-1]) / max(float(r @ r), 1e-300), 0.0)
+    least = float(r @ r) / max(len(r) - len(x), 1) * (1.0 + 2.0 * near) * np.diag(bread)
+    wider = np.sqrt(np.maximum(least / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    covariance = covariance * np.outer(wider, wider) / np.outer(scale, scale)
     return x / scale, covariance, float(np.square(r).mean()), len(r)
 
 
