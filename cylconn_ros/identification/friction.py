@@ -162,9 +162,9 @@ def estimate_friction(
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
     doubts, remarks = _judge_noise(taken, noise, delay)
-    if spread := unexplained_spread(data, fitted):
-        doubts += (spread,)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
+    if not rejected and (spread := unexplained_spread(data, fitted)):
+        doubts += (spread,)
     if reason := next(iter([*doubts, *rejected]), ""):
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
     law = fitted.law

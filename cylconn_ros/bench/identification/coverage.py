@@ -39,7 +39,7 @@ def measure(
     """Draw, estimate and count; ``settings.samples`` is the number of draws.
 
     Finished draws are appended to ``kept`` (default KEPT, none in the short form), and are not
-    repeated by the next run.
+    repeated by the next run; remove the file after a change of the package.
     """
     draws = settings.samples or (QUICK if settings.quick else DRAWS)
     cases = [(model, noise) for model in joints.MODELS for noise in joints.NOISES]
