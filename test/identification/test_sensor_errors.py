@@ -85,3 +85,13 @@ def test_late_twists_leave_no_numbers(rows: Array, kind: str, periods: float) ->
     found = estimate_friction(joints.scene(), joints.measured(rows, kind, 1))
     assert not any(e.found for e in found.estimates.values())
     assert "sample periods late against the poses (expected: at most 0.75)" in found.verdict()[0]
+
+
+def test_lost_samples_do_not_make_the_loads_late(rows: Array) -> None:
+    """30 % of the samples lost: with loads held over the gaps R was inside in half of the draws."""
+    inside = 0
+    for seed in range(12):
+        found = estimate_friction(joints.scene(), joints.measured(rows, "uneven stamps", seed))
+        e = found["radius"]
+        inside += e.low <= joints.law_of("Coulomb").radius <= e.high
+    assert inside >= 9  # of 11.4 expected; fewer once in two thousand times
