@@ -175,9 +175,9 @@ def _soak() -> Benchmark:
 def _identification() -> Benchmark:
     """Coverage of the intervals of identify on simulated joints, beside ordinary least squares.
 
-    Also an axis of known parameters.
+    Also mujoco.sysid (pip install 'mujoco[sysid]') on guides, and an axis of known parameters.
 
-    200 draws of each friction and noise, which takes hours; finished draws are kept in
+    200 draws of each friction and noise, which takes about an hour; finished draws are kept in
     identification.jsonl of the working directory, from which the next run resumes.
     """
     from cylconn_ros.bench.identification import coverage, text

@@ -1,6 +1,6 @@
 """Coverage of the 95 % intervals of identification, by friction, noise and parameter.
 
-Beside it ordinary least squares, on the same recordings.
+Beside it, on the same recordings, ordinary least squares and, on the guides, mujoco.sysid.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from cylconn_ros.bench.common.results import Findings, Measurement
 from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.identification import axis, guides, joints
 from cylconn_ros.bench.identification.least_squares import least_squares
+from cylconn_ros.bench.identification.mujoco_sysid import installed, mujoco_sysid
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification.effort import estimate_axis
 from cylconn_ros.identification.friction import estimate_friction
@@ -26,7 +27,8 @@ DRAWS, QUICK = 200, 1
 KEPT = Path("identification.jsonl")
 AXIS = "axis of known parameters"
 AXIS_NOISES = {"encoder": 0.0, "encoder, 5 N on the drive": 5.0}
-OURS, OTHER = "identify", "least squares"
+OURS, OTHER, MUJOCO = "identify", "least squares", "mujoco.sysid"
+MUJOCO_DRAWS = 10  # of the guides; one takes up to 5 s
 
 Draw = dict[str, list[float]]
 """Inside (1 or 0) and relative error by "subject/parameter"; no parameter if it was withheld."""
@@ -76,7 +78,13 @@ def draw(job: Job, exact: dict[str, np.ndarray]) -> Draw:
         half = 0.5 * (guide.forward - guide.backward)
         truth = {"coefficient": mean, "c1": guide.viscous, "direction": half / mean}
         samples = guides.measured(exact[model], seed)
-        return _estimated(guides.scene(), samples, truth, guides.scene().friction.radius)
+        found = _estimated(guides.scene(), samples, truth, guides.scene().friction.radius)
+        if seed < MUJOCO_DRAWS and installed():
+            begin = time.process_time()
+            for name, (value, low, high) in mujoco_sysid(samples).items():
+                found[f"{MUJOCO}/{name}"] = _judged(value, low, high, truth[name])
+            found[f"{MUJOCO}/time"] = [1.0, time.process_time() - begin]
+        return found
     law = joints.law_of(model)
     if model not in exact:
         exact[model] = joints.motion(law)
@@ -147,8 +155,11 @@ def _counted(jobs: list[Job], done: dict[str, Draw]) -> Findings:
         for subject in dict.fromkeys(key.partition("/")[0] for key in names):
             case, where = f"{model}, {noise}", f"{subject}/"
             kept = [sum(k.startswith(where) for k in one) > 1 for one in draws]
-            withheld = 1.0 - float(np.mean(kept))
-            found.append(Measurement(case, subject, "withheld", withheld, "1", count=len(draws)))
+            if subject == OURS:
+                withheld = 1.0 - float(np.mean(kept))
+                found.append(
+                    Measurement(case, subject, "withheld", withheld, "1", count=len(draws))
+                )
             for key in (key for key in names if key.startswith(where)):
                 inside, errors = np.array([one[key] for one in draws if key in one]).T
                 name = key.removeprefix(where)

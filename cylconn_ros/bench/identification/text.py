@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cylconn_ros.bench.common.results import Findings, Measurement
-from cylconn_ros.bench.identification.coverage import OTHER, OURS
+from cylconn_ros.bench.identification.coverage import MUJOCO, OTHER, OURS
 
 Cases = dict[str, dict[str, dict[str, Measurement]]]
 NOT_PARAMETERS = ("withheld", "time")
@@ -36,21 +36,23 @@ def _coverage(cases: Cases) -> list[str]:
 
 
 def _comparison(cases: Cases) -> list[str]:
+    names = (OURS, OTHER, MUJOCO)
     lines = [
-        "| friction, noise | mu of identify | mu of least squares | time of both |",
-        "|---|---|---|---|",
+        f"| friction, noise | {' | '.join(f'mu of {name}' for name in names)} | CPU time |",
+        "|---|---|---|---|---|",
     ]
     for case, subjects in cases.items():
         if OTHER not in subjects:
             continue
         cells = []
-        for subject in (OURS, OTHER):
-            one = subjects[subject].get("coefficient")
+        for subject in names:
+            one = subjects.get(subject, {}).get("coefficient")
+            missing = "withheld" if subject == OURS else "–"
             cells.append(
-                "withheld"
+                missing
                 if one is None
                 else f"{one.note}; inside {100.0 * one.value:.0f} % of {one.count}"
             )
-        times = " / ".join(f"{subjects[s]['time'].value:.2g} s" for s in (OURS, OTHER))
-        lines.append(f"| {case} | {cells[0]} | {cells[1]} | {times} |")
+        times = [f"{subjects[name]['time'].value:.2g} s" for name in names if name in subjects]
+        lines.append(f"| {case} | {' | '.join(cells)} | {', '.join(times)} |")
     return lines
