@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from paths import BAGS
 
 from cylconn_ros.bench.identification import joints
+from cylconn_ros.cli.main import main
 from cylconn_ros.core import layout
+from cylconn_ros.identification import recording
 from cylconn_ros.identification.forces.correlation import independent_noise, noise_correlation
 from cylconn_ros.identification.forces.delay import twist_delay
 from cylconn_ros.identification.forces.intervals import measure_intervals
@@ -85,6 +89,21 @@ def test_late_twists_leave_no_numbers(rows: Array, kind: str, periods: float) ->
     found = estimate_friction(joints.scene(), joints.measured(rows, kind, 1))
     assert not any(e.found for e in found.estimates.values())
     assert "sample periods late against the poses (expected: at most 0.75)" in found.verdict()[0]
+
+
+def test_the_command_says_not_to_use_withheld_values(
+    rows: Array, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = estimate_friction(joints.scene(), joints.measured(rows, "one sample late", 1))
+    monkeypatch.setattr(recording, "identify", lambda *_, **__: found)
+    assert main(["identify", str(BAGS / "lossy")]) == 1
+    text = capsys.readouterr().out
+    assert "verdict     do not use: the twist of the " in text
+    assert not [line for line in text.splitlines() if line.startswith("mu ") and "…" in line]
+    assert main(["identify", str(BAGS / "lossy"), "--json", "-"]) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert not result["accepted"]
+    assert not any(e["estimated"] for e in result["estimates"].values())
 
 
 def test_lost_samples_do_not_make_the_loads_late(rows: Array) -> None:
