@@ -59,7 +59,7 @@ def _listed() -> str:
     lines = []
     for name, benchmark in BENCHMARKS.items():
         text = " ".join(inspect.cleandoc(benchmark.__doc__ or "").split())
-        lines += textwrap.wrap(f"  {name:<12}{text}", 79, subsequent_indent=" " * 14)
+        lines += textwrap.wrap(f"  {name:<15}{text}", 79, subsequent_indent=" " * 17)
     return "\n".join(lines)
 
 

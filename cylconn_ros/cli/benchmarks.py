@@ -172,6 +172,23 @@ def _soak() -> Benchmark:
     return Benchmark([("a recording node", measured)])
 
 
+def _identification() -> Benchmark:
+    """Coverage of the intervals of identify on simulated joints, beside ordinary least squares.
+
+    Also mujoco.sysid (pip install 'mujoco[sysid]') on guides, and an axis of known parameters.
+
+    200 draws of each friction and noise, which takes about an hour; finished draws are kept in
+    identification.jsonl of the working directory, from which the next run resumes.
+    """
+    from cylconn_ros.bench.identification import coverage, text
+
+    def measured(settings: Settings) -> Findings:
+        with Progress("coverage") as bar:
+            return coverage.measure(settings, bar)
+
+    return Benchmark([("coverage of intervals", measured)], text.text)
+
+
 BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "kernel": _kernel,
     "orders": _orders,
@@ -183,5 +200,6 @@ BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "replay": _replay,
     "faults": _faults,
     "soak": _soak,
+    "identification": _identification,
 }
 """Entries by name, in the order of the help text."""

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector, add_recording
+from cylconn_ros.cli.identify_axis import axis_report
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.run import read_run
@@ -39,7 +40,16 @@ _TITLES = {
     "preload": "FCint",
     "overlap": "L",
     "radius": "R",
+    "c1": "c1",
+    "cr1": "cr1",
+    "coefficient_positive": "mu forward",
+    "coefficient_negative": "mu backward",
+    "direction": "direction",
+    "offset": "offset",
+    "stribeck": "Stribeck",
+    "decay": "decay",
 }
+_BASE = ("coefficient", "static_coefficient", "preload", "overlap", "radius")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +81,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"recorded topic of an input: {', '.join(f'body_b/{kind}' for kind in _KINDS)}, …",
     )
     parser.add_argument(
+        "--drive", default="", metavar="TOPIC",
+        help="effort of a motor, as JointState or WrenchStamped: not friction",
+    )  # fmt: skip
+    parser.add_argument(
+        "--with", dest="others", type=Path, action="append", default=[], metavar="BAG",
+        help="further recording of the same joint, fitted together with BAG",
+    )  # fmt: skip
+    parser.add_argument(
+        "--axis", default="", metavar="TOPIC[:JOINT]",
+        help="mass and friction of one axis from positions and efforts of a JointState, without "
+        "inertia and parameters; friction is one number, mu FN0",
+    )  # fmt: skip
+    parser.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the estimate: .png, .svg or .pdf"
+    )
+    parser.add_argument(
+        "--table", type=Path, metavar="FILE", help="feed-forward table of friction: .yaml or .csv"
     )
     parser.add_argument(
         "--json", type=Path, metavar="FILE", help="write the results as JSON (- : print)"
@@ -79,8 +105,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate and report; 0 if the coefficient was estimated."""
+    """Estimate and report.
+
+    Exit codes: 1 if the values are withheld, 2 if nothing can be estimated.
+    """
     _check(options)
+    if options.axis:
+        return axis_report(options.axis, [options.recording, *options.others], options.json)
     from cylconn_ros.errors import IdentifyError
     from cylconn_ros.identification.recording import identify
 
@@ -89,20 +120,26 @@ def run(options: argparse.Namespace) -> int:
     with Progress("identify") as bar:
         bar.note("preparing (the first run compiles the physics)")
         try:
-            found = identify(recorded, scene, known=dict(options.known), remap=dict(options.topic))
+            found = identify(
+                recorded, scene, known=dict(options.known), remap=dict(options.topic),
+                drive=options.drive, others=options.others,
+            )  # fmt: skip
         except IdentifyError as error:
             raise CommandError(f"{recorded.path}: {error}") from None
     if options.json is not None:
         _write_json(found, options.json)
     if options.json is None or str(options.json) != "-":
         print("\n".join(table(found)))
+    if options.table is not None:
+        _write_table(found, options.table)
+        print(f"table       {options.table}")
     if options.plot is not None:
         _draw(found, recorded.path.name, options.plot)
         print(f"picture     {options.plot}")
     if str(options.json) != "-":
         plot = "" if options.plot is not None else "draw the estimate with --plot FILE.png; "
         print(f"\nnext: {plot}put the values into friction.* of a scene")
-    return 0
+    return 0 if found.accepted else 1
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -129,19 +166,39 @@ def table(found: Identification) -> list[str]:
         "",
         f"{'parameter':<12}{'estimate':>11}  {'95 % interval':<26}unit",
     ]
-    lines += [_row(found.estimates[name]) for name in _TITLES]
-    assumed = [e for e in found.estimates.values() if not e.found and math.isfinite(e.value)]
+    lines += [
+        _row(found.estimates[name])
+        for name in _TITLES
+        if name in found.estimates and (name in _BASE or found.estimates[name].found)
+    ]
+    lines += ["", *(f"verdict     {line}" for line in found.verdict())]
+    lines += [f"left out    {name}: {why}" for name, why in found.choice.left_out.items()]
+    lines += [f"next        {line}" for line in advise(found)]
+    assumed = [
+        e
+        for e in found.estimates.values()
+        if e.name in _BASE and not e.found and math.isfinite(e.value)
+    ]
     facts = ["mass, inertia and nodes of the parameters"]
     facts += [
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]
     lines += ["", "taken as known: " + ", ".join(facts)]
+    if not found.accepted:
+        return lines
     if found.misfit > 2.0 and found.noise > _LEAST_NOISE:
         lines.append(
             "the windows differ from the law by more than their noise; the intervals include the "
             "random part of that"
         )
     return lines
+
+
+def advise(found: Identification) -> list[str]:
+    """Say which motion to record next."""
+    from cylconn_ros.identification.advice import advice
+
+    return advice(found)
 
 
 def _row(e: Estimate) -> str:
@@ -170,8 +227,13 @@ def as_json(found: Identification) -> dict[str, Any]:
                 "unit": e.unit,
                 "note": e.note,
             }
-            for e in (found.estimates[name] for name in _TITLES)
+            for e in (found.estimates[name] for name in _TITLES if name in found.estimates)
         },
+        "accepted": found.accepted,
+        "verdict": found.verdict(),
+        "terms": list(found.choice.terms),
+        "left_out_terms": found.choice.left_out,
+        "advice": advise(found),
         "static_lower_bound": number(found.static.bound),
         "samples": found.samples,
         "duration": found.duration,
@@ -193,6 +255,15 @@ def _write_json(found: Identification, path: Path) -> None:
         path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise CommandError(f"{path}: {error.strerror or error}") from None
+
+
+def _write_table(found: Identification, path: Path) -> None:
+    from cylconn_ros.identification.advice import feed_forward
+
+    try:
+        path.write_text(feed_forward(found, path.suffix), encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise CommandError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
 
 
 def _draw(found: Identification, name: str, path: Path) -> None:

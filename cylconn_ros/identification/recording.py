@@ -1,16 +1,28 @@
-"""Friction identification of a recording: from a path and a scene to estimates with intervals."""
+"""Identification of recordings: from paths and a scene to estimates with intervals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.effort import AxisEstimate, AxisRecording, estimate_axis
+from cylconn_ros.identification.forces.drives import JOINT_STATE, known_drive
+from cylconn_ros.identification.forces.long_recordings import (
+    MOST_SAMPLES,
+    collect_bounded,
+    joined,
+)
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.samples import synchronized_samples
+from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
 from cylconn_ros.scene.scene import Scene
+
+Array = NDArray[np.float64]
 
 
 def identify(
@@ -20,6 +32,8 @@ def identify(
     known: Mapping[str, float | None] | None = None,
     remap: Mapping[str, str] | None = None,
     connector: str = "",
+    drive: str = "",
+    others: Sequence[Path | str | Run] = (),
 ) -> Identification:
     """Estimate the friction of a joint from a recorded motion.
 
@@ -32,17 +46,22 @@ def identify(
             with its value, or None for that of the scene.
         remap: topics of the recording by input name, e.g. ``{"body_b/odom": "/drawer/odom"}``.
         connector: the one to select of a recording of several connectors.
+        drive: topic of the effort of a motor (JointState or WrenchStamped), which is subtracted.
+            Efforts commanded on ``~/command`` are subtracted in any case.
+        others: further recordings of the same joint, with the same parameters and topics; all are
+            fitted together.
 
     Returns
     -------
         Estimates of ``coefficient``, ``preload``, ``overlap``, ``radius`` and
         ``static_coefficient`` with 95 % intervals. A parameter that the motion does not excite is
         held at its value in the scene; its ``note`` states the reason. The method is described in
-        docs/how_to/identify.md.
+        docs/how_to/identify.md. Of a recording of more than 262144 samples, stretches are used that
+        are spread over all of it, so that memory is bounded.
 
     Raises
     ------
-        IdentifyError: the motion does not determine the coefficient, a drive moved the joint, no
+        IdentifyError: the motion does not determine the coefficient, a command imposed a motion, no
             scene is known, or ``known`` has an invalid name or no value.
         RecordingError: the recording cannot be read.
         SceneError: an inertia is unknown.
@@ -55,15 +74,83 @@ def identify(
         estimate = cr.identify(run, scene, known={"overlap": None})
         estimate["coefficient"].value, estimate["coefficient"].low, estimate["coefficient"].high
     """
-    if isinstance(recording, Run):
-        run = recording.select(connector) if connector else recording
-    else:
-        run = read_run(recording, connector)
+    runs = [_opened(one, connector) for one in (recording, *others)]
     if scene is None:
-        scene = _stored_scene(run)
+        scene = _stored_scene(runs[0])
     values = {name: _value(scene, name, value) for name, value in (known or {}).items()}
-    _refuse_drives(run)
-    return estimate_friction(scene, synchronized_samples(run, scene, remap), values)
+    parts, drives, left_out = [], [], 0
+    for run in runs:
+        samples, left = collect_bounded(
+            synchronized_samples(run, scene, remap), MOST_SAMPLES // len(runs)
+        )
+        parts.append(samples)
+        drives.append(known_drive(run, samples, drive))
+        left_out += left
+    found = estimate_friction(scene, joined(parts), values, _joined_drives(parts, drives, scene))
+    if left_out:
+        found.skipped["in stretches of a long recording that were left out"] = left_out
+    return found
+
+
+def _opened(recording: Path | str | Run, connector: str) -> Run:
+    if isinstance(recording, Run):
+        return recording.select(connector) if connector else recording
+    return read_run(recording, connector)
+
+
+def _joined_drives(
+    parts: Sequence[SampleArrays], drives: Sequence[Array | None], scene: Scene
+) -> Array | None:
+    """Return the drives of all recordings; that of the scene where none was recorded."""
+    if all(one is None for one in drives):
+        return None
+    command = scene.command
+    constant = np.nan_to_num([command.slide.force, command.spin.force])
+    return np.concatenate([
+        np.tile(constant, (len(part), 1)) if one is None else one
+        for part, one in zip(parts, drives, strict=True)
+    ])  # fmt: skip
+
+
+def identify_axis(
+    recordings: Sequence[Path | str | Run], topic: str, joint: str = ""
+) -> AxisEstimate:
+    """Estimate inertia and friction of one axis from recorded positions and drive efforts.
+
+    Args:
+        recordings: of the same axis, fitted together.
+        topic: sensor_msgs/JointState with position and effort.
+        joint: name in the messages; default: the only one.
+
+    Raises IdentifyError if the topic has no such joint, no efforts, or its motion does not separate
+    the parameters; RecordingError if a recording cannot be read.
+    """
+    return estimate_axis([_axis(_opened(one, ""), topic, joint) for one in recordings])
+
+
+def _axis(run: Run, topic: str, joint: str) -> AxisRecording:
+    kind = run.types.get(topic)
+    if kind != JOINT_STATE:
+        raise IdentifyError(f"axis = {topic}: must be a topic of type {JOINT_STATE}, is {kind}")
+    table = run.table(topic)
+    names = [str(name) for name in table["name"][0]] if len(table) else []
+    if not joint and len(names) == 1:
+        joint = names[0]
+    if joint not in names:
+        raise IdentifyError(
+            f"{topic}: joint {joint!r} is not one of {', '.join(names) or 'none'}; give TOPIC:JOINT"
+        )
+    at = names.index(joint)
+    position, effort = table["position"], table["effort"]
+    if position.shape[1:] != (len(names),) or effort.shape[1:] != (len(names),):
+        raise IdentifyError(
+            f"{topic}: an axis needs position and effort of every joint in every message; "
+            f"there are {position.shape[1:]} positions and {effort.shape[1:]} efforts, "
+            f"{len(names)} joints"
+        )
+    stamps, first = np.unique(table.stamp, return_index=True)
+    time = np.asarray((stamps - stamps[:1]) * 1e-9, dtype=np.float64)
+    return AxisRecording(time, position[first, at], effort[first, at])
 
 
 def _stored_scene(run: Run) -> Scene:
@@ -85,14 +172,3 @@ def _value(scene: Scene, name: str, value: float | None) -> float:
     if math.isnan(found):
         raise IdentifyError(f"known {name}: the parameters have no value; give {name}=VALUE")
     return found
-
-
-def _refuse_drives(run: Run) -> None:
-    """Raise IdentifyError if a drive moved the joint: its force is not separable from friction."""
-    for topic, kind in run.types.items():
-        name = topic.rsplit("/", 1)[-1]
-        if name == "command" and kind == "sensor_msgs/msg/JointState" and run.counts[topic]:
-            raise IdentifyError(
-                f"{run.counts[topic]} commands on {topic} drove slide or spin; "
-                "friction cannot be separated from the force of the drive"
-            )

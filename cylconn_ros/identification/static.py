@@ -14,11 +14,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.cubics import noise_covariance
-from cylconn_ros.identification.intervals import Intervals
-from cylconn_ros.identification.kinetic import FrictionLaw, KineticFit, law_from_vector
-from cylconn_ros.identification.segments import MIN_SEGMENT, Segment, slip_rate, slip_threshold
-from cylconn_ros.identification.windows import NOISE_VARIANCE_ERROR, cut_windows, impulses
+from cylconn_ros.identification.forces.cubics import noise_covariance
+from cylconn_ros.identification.forces.intervals import Intervals
+from cylconn_ros.identification.forces.segments import (
+    MIN_SEGMENT,
+    Segment,
+    slip_rate,
+    slip_threshold,
+)
+from cylconn_ros.identification.forces.windows import NOISE_VARIANCE_ERROR, cut_windows, impulses
+from cylconn_ros.identification.likelihood.kinetic import KineticFit
+from cylconn_ros.identification.likelihood.law import FrictionLaw, law_from_vector
 
 Array = NDArray[np.float64]
 
@@ -113,7 +119,7 @@ def _normal(wrench: Array, law: FrictionLaw) -> Array:
 
 
 def _traction(wrench: Array, law: FrictionLaw) -> Array:
-    return np.asarray(np.hypot(wrench[..., 0], wrench[..., 3] / law.radius))
+    return np.asarray(np.hypot(wrench[..., 0] + law.offset, wrench[..., 3] / law.radius))
 
 
 def _ratio(wrench: Array, law: FrictionLaw) -> Array:
@@ -141,7 +147,7 @@ def _ratios(
     sizes, vectors = np.linalg.eigh(fitted.covariance)
     shared = np.zeros((len(wrench), len(sizes)))
     for column, direction in enumerate((vectors * np.sqrt(np.maximum(sizes, 0.0))).T):
-        step = np.zeros(4)
+        step = np.zeros(len(law.vector))
         step[list(fitted.free)] = direction
         up, down = law_from_vector(law.vector + step), law_from_vector(law.vector - step)
         shared[:, column] = 0.5 * (_ratio(wrench, up) - _ratio(wrench, down))

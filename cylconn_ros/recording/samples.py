@@ -58,49 +58,18 @@ def synchronized_samples(
     Raises RecordingError if a topic of ``remap`` is missing, or an input topic has no columns.
     """
     matcher = SampleMatcher(scene)
-    stored = {name: topic for name, topic in run.names.items() if topic in run.types}
-    handlers: list[Callable[[int], SynchronizedSample | None]] = []
-    places: list[NDArray[np.int64]] = []  # log time, rank, stream and row of every message
-    loads, waits = 0, False
-    for body, name in enumerate(BODIES):
-        for rank, kind in enumerate(_KINDS):
-            ours = f"{name}/{kind.topic}"
-            topic = (remap or {}).get(ours) or stored.get(ours)
-            if topic is None:
-                topic = next((t for t in run.types if t.endswith(ours)), None)
-            if topic is None:
-                continue
-            loads += (
-                not kind.carries_motion
-            )  # also for a topic without messages: then there was no load
-            if topic in run.counts and not run.counts[topic]:
-                continue
-            table = run.table(topic)
-            count, stream = len(table), len(handlers)
-            row = np.arange(count)
-            places.append(
-                np.stack([table.log_time, np.full(count, rank), np.full(count, stream), row])
-            )
-            handlers.append(_handler(matcher, body, kind, table))
-            waits |= not kind.carries_motion
-    wrench = next((stored[n] for n in _WRENCHES if n in stored), None)
-    if waits and wrench is not None:  # recorded by the node: shows when a sample waited no longer
-        stamps, times = run.table(wrench).stamp, run.table(wrench).log_time
-        rows = np.arange(len(times))
-        last = np.full((2, len(times)), ((len(_KINDS),), (len(handlers),)))
-        places.append(np.vstack([times, last, rows]))
-        handlers.append(functools.partial(_end_wait, matcher, stamps))
+    streams, wrench = _input_streams(run, remap or {})
+    used = [stream for stream in streams if run.counts.get(stream.topic, 1)]
+    waits = any(one.kind is not None and not one.kind.carries_motion for one in used)
+    loads = any(one.kind is not None and not one.kind.carries_motion for one in streams)
     if waits:
         matcher.expects = lambda *_: IF_REGULAR if wrench is None else ALWAYS
+        if wrench is not None:  # recorded by the node: shows when a sample waited no longer
+            used.append(_Stream(wrench, 0, None, len(_KINDS)))
     if not loads:  # a simulated run has no load topics: its loads are in the scene
         matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    merged = np.concatenate(places or [np.zeros((4, 0), np.int64)], axis=1)
-    # By log time; at equal times by rank, each topic in its own order.
-    order = np.lexsort((merged[3], merged[1], merged[0]))
-    stream_of, row_of = merged[2:, order]
-    del merged, places, order
-    for stream, row in zip(stream_of, row_of, strict=True):
-        found = handlers[stream](row)
+    for handler, row in _in_order(run, used, matcher):
+        found = handler(row)
         while found is not None:
             if not found.repeated:
                 yield RecordedSample(found.stamp, found.h, found.restarted, matcher.sample.copy())
@@ -110,6 +79,92 @@ def synchronized_samples(
         found = matcher.next()
         if found is not None:
             yield RecordedSample(found.stamp, found.h, found.restarted, matcher.sample.copy())
+
+
+class _Stream(NamedTuple):
+    """A recorded topic of an input, or of the connector's wrench (no kind)."""
+
+    topic: str
+    body: int
+    kind: InputType | None
+    rank: int  # in the order of processing at equal log times
+
+
+Handler = Callable[[int], SynchronizedSample | None]
+
+
+def _input_streams(run: Run, remap: Mapping[str, str]) -> tuple[list[_Stream], str | None]:
+    """Return the recorded inputs, and the topic of the connector's wrench if it was recorded."""
+    stored = {name: topic for name, topic in run.names.items() if topic in run.types}
+    found = []
+    for body, name in enumerate(BODIES):
+        for rank, kind in enumerate(_KINDS):
+            ours = f"{name}/{kind.topic}"
+            topic = remap.get(ours) or stored.get(ours)
+            if topic is None:
+                topic = next((t for t in run.types if t.endswith(ours)), None)
+            if topic is not None:
+                found.append(_Stream(topic, body, kind, rank))
+    return found, next((stored[n] for n in _WRENCHES if n in stored), None)
+
+
+def _in_order(
+    run: Run, streams: Sequence[_Stream], matcher: SampleMatcher
+) -> Iterator[tuple[Handler, int]]:
+    """Yield the handler and row of every message, by log time; at equal times by rank.
+
+    One part of the recording after the other, so that long recordings take no more memory. Messages
+    with the last log time of a part wait for the next one, which may hold others of that time.
+    """
+    handlers: list[Handler] = []
+    places: list[NDArray[np.int64]] = []  # (5, n) of _split
+    numbers = {topic: k for k, topic in enumerate(dict.fromkeys(s.topic for s in streams))}
+    counts, last = [0] * len(streams), -1
+    for table in run.read_blocks(*numbers):
+        if numbers[table.topic] <= last:  # a new part begins
+            done, places = _split(places)
+            yield from ((handlers[h], row) for row, h in done)
+            waiting = {int(h) for part in places for h in np.unique(part[4])}
+            handlers = [h if k in waiting else _unused for k, h in enumerate(handlers)]
+            handlers = handlers if waiting else []
+        last = numbers[table.topic]
+        for k, stream in enumerate(streams):
+            if stream.topic != table.topic:
+                continue
+            part = np.empty((5, len(table)), np.int64)
+            part[0], part[1], part[4] = table.log_time, stream.rank, len(handlers)
+            part[3] = np.arange(len(table))
+            part[2] = counts[k] + part[3]
+            counts[k] += len(table)
+            places.append(part)
+            if stream.kind is None:
+                handlers.append(functools.partial(_end_wait, matcher, table.stamp))
+            else:
+                handlers.append(_handler(matcher, stream.body, stream.kind, table))
+    done, _ = _split(places, everything=True)
+    yield from ((handlers[h], row) for row, h in done)
+
+
+def _split(
+    places: list[NDArray[np.int64]], *, everything: bool = False
+) -> tuple[list[list[int]], list[NDArray[np.int64]]]:
+    """Return row and handler of the messages before the last log time, in order, and the others.
+
+    ``places`` has log time, rank, number in the topic, row in its table and handler of messages.
+    """
+    if not places or (not everything and (places[0][0, :1] == places[-1][0, -1:]).all()):
+        return [], places
+    merged = np.concatenate(places, axis=1)
+    # By log time; at equal times by rank, each topic in its own order.
+    merged = merged[:, np.lexsort((merged[2], merged[1], merged[0]))]
+    end = merged.shape[1]
+    if not everything:
+        end = int(np.searchsorted(merged[0], merged[0, -1]))
+    return merged[3:, :end].T.tolist(), [merged[:, end:]]
+
+
+def _unused(_: int) -> None:
+    """Stand for the handler of a part whose messages are all processed."""
 
 
 class SampleArrays(Sequence[RecordedSample]):

@@ -20,8 +20,7 @@ DEPTH = 50
 """Messages that a publisher keeps."""
 INPUT_DEPTH = 1000
 """Messages that wait at an input: `ros2 bag play` publishes in bursts of more than 50 at 1 kHz, and
-1000 outlast a stall of 50 ms at 20 kHz. The queue grows with the messages in it: a full one of
-poses takes about 0.3 MB."""
+1000 hold what arrives in 50 ms at 20 kHz. The queue grows with the messages in it."""
 
 
 def samples(reliability: str = "reliable", depth: int = DEPTH) -> QoSProfile:

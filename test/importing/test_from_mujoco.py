@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from cylconn_ros.errors import ModelError
-
-pytest.importorskip("mujoco")
 from cylconn_ros.importing import from_mujoco
 
 DRAWER = """<robot name="cabinet"><link name="base"/>

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from paths import ROOT
 
-pytest.importorskip("mujoco")
 from cylconn_ros.errors import SceneError
 from cylconn_ros.importing import from_mujoco
 from cylconn_ros.mujoco.plant import MujocoPlant

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.forces.drives import without_drive
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
@@ -51,6 +52,7 @@ class Intervals:
         dt: (n,) length of the interval, s.
         wrench: (n, 6) f1 f2 f3 m1 m2 m3 on B at node b, axes of a: friction and constraint; N, N.m.
         rates: (n, 2) slide m/s and spin rad/s at the end of the interval.
+        places: (n, 2) slide m and angle rad at the end of the interval.
         usable: (n,) bool, the wrench contains friction and constraint only.
         skipped: number of unusable intervals by reason.
     """
@@ -60,6 +62,7 @@ class Intervals:
     dt: Array
     wrench: Array
     rates: Array
+    places: Array
     usable: Mask
     skipped: Counter[str]
 
@@ -69,8 +72,13 @@ class Intervals:
         return float(np.median(self.dt))
 
 
-def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Intervals:
+def measure_intervals(
+    scene: Scene, samples: Iterable[RecordedSample], drive: Array | None = None
+) -> Intervals:
     """Compute the forces in the samples of a recording, with the parameters of ``scene``.
+
+    ``drive`` (n, 2) is the force and moment of a known drive over the interval that ends with each
+    sample; by default that of the scene.
 
     Raises IdentifyError if there are fewer than two samples, or friction cannot be separated from
     other forces along the slot; SceneError if an inertia is unknown.
@@ -98,16 +106,32 @@ def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Interv
     h = np.where(begins, 0.0, samples.h)
     out = np.empty((len(samples), len(_COLUMNS)))
     edges = [*np.flatnonzero(begins).tolist(), len(samples)]
+    loads = _loads(samples, usual)
     buffer = np.empty((_BLOCK, layout.NOUT))
     for begin, end in itertools.pairwise(edges):
         connector.reset()
         for at in range(begin, end, _BLOCK):
             rows = slice(at, min(at + _BLOCK, end))
-            block = np.ascontiguousarray(samples.samples[rows])
+            block = samples.samples[rows].copy()
+            block[:, layout.LOADS] = loads[rows]
             found = connector.run(block, h[rows], buffer[: len(block)])
             out[rows] = found[:, _COLUMNS]
     time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
-    return _intervals(scene, out, samples.h, time, begins)
+    return _intervals(scene, out, samples.h, time, begins, drive)
+
+
+def _loads(samples: SampleArrays, usual: float) -> Array:
+    """Return the loads (n, 12) in force over the interval that begins with each sample.
+
+    Those of the sample, in force until the next one. If samples were lost in between, their loads
+    are those interpolated: the mean over n periods is (n - 1)/(2 n) of the way to the next load.
+    """
+    loads: Array = samples.samples[:, layout.LOADS].copy()
+    periods = np.maximum(samples.h[1:] / usual, 1.0)
+    share = 0.5 * (1.0 - 1.0 / periods)
+    share[samples.restarted[1:]] = 0.0
+    loads[:-1] += share[:, None] * np.diff(samples.samples[:, layout.LOADS], axis=0)
+    return loads
 
 
 def _check_separable(scene: Scene) -> None:
@@ -125,14 +149,16 @@ def _check_separable(scene: Scene) -> None:
         )
 
 
-def _intervals(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -> Intervals:
+def _intervals(
+    scene: Scene, out: Array, dt: Array, time: Array, begins: Mask, drive: Array | None
+) -> Intervals:
     wrench = np.hstack([_column(out, "force", 3), _column(out, "moment", 3)])
-    parts = (("force", F1, scene.command.slide.force), ("moment", M1, scene.command.spin.force))
-    for name, at, imposed in parts:
+    for name, at in (("force", F1), ("moment", M1)):
         for part in ("elastic", "viscous"):
             wrench[:, at] -= _column(out, f"{name}_{part}", 1)[:, 0]
-        wrench[:, at] -= imposed if np.isfinite(imposed) else 0.0
+    wrench = without_drive(scene, wrench, drive)
     rates = np.hstack([_column(out, "velocity", 1), _column(out, "angular_velocity", 1)])
+    places = np.hstack([_column(out, "length", 1), _column(out, "angle", 1)])
     refused = out[:, _COLUMNS.index(layout.STATUS)] != layout.OK
     refused[1:] |= refused[:-1].copy()
     usual = np.median(dt[~begins]) if not begins.all() else 0.0
@@ -149,7 +175,7 @@ def _intervals(scene: Scene, out: Array, dt: Array, time: Array, begins: Mask) -
         skipped[reason] = int((rows & usable).sum())
         usable &= ~rows
     skipped["not finite"] = int((~finite).sum())
-    return Intervals(scene, time, dt, wrench, rates, usable, +skipped)
+    return Intervals(scene, time, dt, wrench, rates, places, usable, +skipped)
 
 
 def _column(out: Array, name: str, width: int) -> Array:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.cubics import SHORT_WINDOW, fit_cubics, window_rows
-from cylconn_ros.identification.intervals import Intervals
+from cylconn_ros.identification.forces.cubics import SHORT_WINDOW, fit_cubics, window_rows
+from cylconn_ros.identification.forces.intervals import Intervals
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -18,6 +18,7 @@ CHI_SQUARE_MEDIAN = 2.3659738843753377  # three degrees of freedom
 SLIP_SIGNIFICANCE = 5.0  # standard deviations of the slip rate
 MIN_SEGMENT = 16  # intervals
 TRIMMED = 2  # intervals at either end of a slip segment, in which slip begins or reverses
+LONGEST = 5.0  # times the usual length of a window; a longer one has a gap
 NOISE_SPAN = 512  # intervals over which the noise is assumed constant
 
 
@@ -40,6 +41,8 @@ def slip_rate(measured: Intervals, radius: float) -> tuple[Array, float]:
     if len(s) <= SHORT_WINDOW:
         return np.hypot(s[:, 0], s[:, 1]), 0.0
     rows = window_rows(len(s), SHORT_WINDOW)
+    span = measured.time[rows[:, -1]] - measured.time[rows[:, 0]]
+    rows = rows[span <= LONGEST * np.median(span)]  # not across a gap of the recording
     squares = np.square(fit_cubics(measured.time[rows]).residuals(s[rows])).sum(axis=1)
     # From the median of a chi-square variable with three degrees of freedom, which is insensitive
     # to outliers, such as sudden changes of velocity.

@@ -18,9 +18,14 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.cubics import TERMS, fit_cubics, noise_covariance, window_rows
-from cylconn_ros.identification.intervals import Intervals
-from cylconn_ros.identification.segments import Segment, split_segment
+from cylconn_ros.identification.forces.cubics import (
+    TERMS,
+    fit_cubics,
+    noise_covariance,
+    window_rows,
+)
+from cylconn_ros.identification.forces.intervals import Intervals
+from cylconn_ros.identification.forces.segments import Segment, split_segment
 
 Array = NDArray[np.float64]
 
@@ -43,7 +48,8 @@ class Windows:
         wrench: (n, 6) f1f f2 f3 m1f m2 m3; N, N.m.
         covariance: (n, 6, 6) of ``wrench``.
         rates: (n, 2) slide m/s, spin rad/s.
-        ends: (n, 2, 2) the same at both ends of the window.
+        places: (n, 2) slide m, angle rad.
+        ends: (n, 2, 2) the rates at both ends of the window.
         rate_noise: (n, 2) standard deviations of ``rates``.
         segment: (n,) index of the segment.
         intervals: (n,) number of intervals in the window.
@@ -54,6 +60,7 @@ class Windows:
     wrench: Array
     covariance: Array
     rates: Array
+    places: Array
     ends: Array
     rate_noise: Array
     segment: NDArray[np.intp]
@@ -86,7 +93,7 @@ def _concatenate(parts: list[Windows]) -> Windows:
         none = np.zeros(0)
         index = np.zeros(0, dtype=np.intp)
         pairs, ends, cov = np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 6, 6))
-        return Windows(none, np.zeros((0, 6)), cov, pairs, ends, pairs, index, index, 0)
+        return Windows(none, np.zeros((0, 6)), cov, pairs, pairs, ends, pairs, index, index, 0)
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
     return Windows(**columns, rejected=sum(part.rejected for part in parts))
 
@@ -120,6 +127,7 @@ def _windows_of(measured: Intervals, segment: Segment, number: int, largest: int
         wrench=np.einsum("wk,wkc->wc", fit.slope, inside)[smooth],
         covariance=(gain[:, None, None] * white)[smooth],
         rates=np.einsum("wk,wkc->wc", fit.value, rates[rows])[smooth],
+        places=measured.places[segment.first + rows[:, w // 2] - 1][smooth],
         ends=(fit.design[:, [0, -1]] @ (fit.solve @ rates[rows]))[smooth],
         rate_noise=spread[smooth],
         segment=np.full(n, number, dtype=np.intp),

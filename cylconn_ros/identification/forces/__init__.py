@@ -1,0 +1,1 @@
+"""Motion and forces of a recorded joint: intervals, segments, windows, known drives."""

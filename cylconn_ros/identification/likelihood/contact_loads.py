@@ -1,0 +1,150 @@
+"""Radial force and bending moment of windows, without the bias by noise, and their calibration.
+
+Noise n increases absolute values, on average to |F + n| = |F| + var_t/(2 |F|), with var_t its
+variance across F; this bias is subtracted.
+
+A load that carries noise weakens the friction that is regressed on it. The loads of a recording
+have a mean and a covariance T beyond their noise N; the load expected given the measured one x is
+``m + T (T + N)^-1 (x - m)``, and friction regressed on it is unbiased (regression calibration). So
+a load that does not change beyond its noise explains nothing, whatever the noise looks like.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.identification.forces.windows import Windows
+
+Array = NDArray[np.float64]
+
+MIN_SIGNAL_TO_NOISE = 9.0  # mean square of a force over that of its noise
+BEYOND = 3.0  # standard deviations by which a mean square must exceed that of the noise
+MIN_DEVIATIONS = 3.0  # standard deviations by which a force must differ from zero
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactLoads:
+    """Radial force and bending moment of n windows, without the bias by noise.
+
+    Attributes
+    ----------
+        radial, moment: (n,) N, N.m.
+        gradient: (n, 2, 6) derivatives of both with respect to the wrench.
+        signal_to_noise: mean square of each over that of its noise.
+    """
+
+    radial: Array
+    moment: Array
+    gradient: Array
+    signal_to_noise: tuple[float, float]
+
+    @classmethod
+    def of(cls, w: Windows) -> ContactLoads:
+        """Compute the loads of windows."""
+        gradient = np.zeros((len(w), 2, 6))
+        values, ratios = [], []
+        for row, at in enumerate((slice(1, 3), slice(4, 6))):
+            vector, cov = w.wrench[:, at], w.covariance[:, at, at]
+            size = np.maximum(np.linalg.norm(vector, axis=1), 1e-300)
+            u = vector / size[:, None]
+            total = np.trace(cov, axis1=1, axis2=2)
+            across = total - np.einsum("ni,nij,nj->n", u, cov, u)
+            square, white = float(np.square(size).mean()), max(float(total.mean()), 1e-300)
+            ratios.append(square / white)
+            if ratios[-1] >= MIN_SIGNAL_TO_NOISE:
+                values.append(np.sqrt(np.maximum(size**2 - across, 0.0)))
+                gradient[:, row, at] = u
+            else:  # dominated by noise: only its mean square is significant
+                significant = square - white > BEYOND * white / np.sqrt(len(w))
+                values.append(np.full(len(w), np.sqrt(square - white) if significant else 0.0))
+        return cls(values[0], values[1], gradient, (ratios[0], ratios[1]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibrated:
+    """Data of a fit: what is known of n windows before the friction law is.
+
+    Attributes
+    ----------
+        windows: the windows.
+        loads: (n, 2) Fr and Mbend expected given the measured ones; N, N.m.
+        force: (n, 2) f1f and m1f without what their noise shares with that of the loads.
+        own: (n, 2, 2) covariance of ``force``.
+        rest: (n, 2, 2) covariance of ``loads``. shared: (n, 2, 2) of ``loads`` and ``force``.
+        changes: standard deviations (2,) of Fr and Mbend beyond their noise.
+    """
+
+    windows: Windows
+    loads: Array
+    force: Array
+    own: Array
+    rest: Array
+    shared: Array
+    changes: Array
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @classmethod
+    def of(cls, w: Windows, loads: ContactLoads) -> Calibrated:
+        """Calibrate the loads of windows."""
+        x = np.stack([loads.radial, loads.moment], axis=1)
+        across = loads.gradient @ w.covariance  # (n, 2, 6)
+        noise = across @ loads.gradient.transpose(0, 2, 1)
+        both = across[:, :, [0, 3]]  # (n, load, force)
+        mean = x.mean(axis=0)
+        # Scaled, since a force and a moment differ in size and unit.
+        unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max() + 1e-300)
+        total = np.cov((x / unit).T, bias=True) if len(x) > 1 else np.zeros((2, 2))
+        white = (noise / np.outer(unit, unit)).mean(axis=0)
+        sizes, axes = np.linalg.eigh(total - white)
+        # A variance that may be that of the noise is none.
+        least = BEYOND * np.sqrt(2.0 / len(x)) * np.einsum("ik,ij,jk->k", axes, white, axes)
+        sizes = np.where(sizes > least, sizes, 0.0)
+        true = (axes * sizes) @ axes.T * np.outer(unit, unit)
+        inverse = np.linalg.inv((true + noise) / np.outer(unit, unit) + 1e-15 * np.eye(2))
+        inverse /= np.outer(unit, unit)
+        gain = true @ inverse  # (n, 2, 2)
+        off = x - mean
+        back = both.transpose(0, 2, 1) @ inverse  # (n, force, load)
+        wrench = w.wrench[:, [0, 3]] - np.einsum("nij,nj->ni", back, off)
+        own = w.covariance[:, [[0], [3]], [0, 3]] - back @ both
+        return cls(
+            windows=w,
+            loads=mean + np.einsum("nij,nj->ni", gain, off),
+            force=wrench,
+            own=own,
+            rest=true - gain @ true,
+            shared=gain @ both,
+            changes=np.sqrt(np.maximum(np.diag(true), 0.0)),
+        )
+
+    def take(self, rows: NDArray) -> Calibrated:
+        """Return the windows ``rows`` (indices or a mask)."""
+        names = ("loads", "force", "own", "rest", "shared")
+        parts = {name: getattr(self, name)[rows] for name in names}
+        return dataclasses.replace(self, windows=self.windows.take(rows), **parts)
+
+
+def well_above_noise(w: Windows, loads: ContactLoads) -> NDArray[np.bool_]:
+    """Return the windows (n,) whose radial force and bending moment are well above their noise.
+
+    Near zero the mean of |F + n| is not |F| + var_t/(2 |F|). The test uses the neighbours of a
+    window, so that its own noise does not select it. A force that is dominated by noise throughout
+    is not tested.
+    """
+    good = np.ones(len(w), dtype=np.bool_)
+    near = np.abs(np.arange(len(w))[:, None] + [-1, 1])
+    near = np.where(near < len(w), near, 2 * len(w) - 2 - near)  # at an end: one neighbour twice
+    for at, ratio in (
+        (slice(1, 3), loads.signal_to_noise[0]),
+        (slice(4, 6), loads.signal_to_noise[1]),
+    ):
+        if ratio >= MIN_SIGNAL_TO_NOISE:
+            neighbours = w.wrench[near, at].mean(axis=1)
+            variance = 0.5 * np.trace(w.covariance[:, at, at], axis1=1, axis2=2)
+            good &= np.square(neighbours).sum(axis=1) > MIN_DEVIATIONS**2 * variance
+    return good

@@ -1,0 +1,263 @@
+"""Likelihood of kinetic friction in slip windows, and the fit of a law to them.
+
+In every window the residual e of the friction law of :mod:`law` is Gaussian, given the measured
+loads, with a covariance V that depends on the law, since the loads carry noise:
+
+    -ln L = 1/2 sum (e^T V^-1 e / k + ln det (k V)),       k: dispersion, at least 1
+
+Without the determinant, mu without bounds with FN near zero fits anything. The loads are calibrated
+(:mod:`contact_loads`): with the measured loads as they are, this likelihood is biased as a plain
+fit is, because ``E[de/dmu e]`` does not vanish.
+
+The fit solves the score of the mean with V of the law itself (iteratively reweighted Gauss-Newton):
+it is unbiased also if the noise is not as assumed. -ln L compares laws. Confidence intervals use
+the spread of the windows' own scores (sandwich covariance with leverages) and Student's t.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.likelihood.contact_loads import Calibrated
+from cylconn_ros.identification.likelihood.law import (
+    DECAY,
+    OFFSET,
+    OVERLAP,
+    PRELOAD,
+    VISCOUS,
+    VISCOUS_SPIN,
+    FrictionLaw,
+    friction,
+    law_from_vector,
+    slip,
+    slopes,
+)
+
+Array = NDArray[np.float64]
+
+FLOOR = 1e-3  # of the median traction: least standard deviation of a residual
+SECOND_ORDER = 1e-4  # of the traction: error of a window's forces by the finite sample period
+MAX_ITERATIONS = 60
+CONVERGED = 1e-9  # step, in units of parameter_scales
+LEAST_NORMAL = 0.05  # of the mean load: smallest FN that a law may have in a window
+LARGEST_STEP = 0.7  # in units of parameter_scales
+
+
+@dataclasses.dataclass(frozen=True)
+class KineticFit:
+    """A fitted law.
+
+    Attributes
+    ----------
+        law: the law.
+        free: indices of law.NAMES that were estimated.
+        covariance: (k, k) of the fitted vector.
+        systematic: (k,) bound of the error by a relative error of SECOND_ORDER in every window.
+        freedom: degrees of freedom.
+        misfit: mean squared weighted residual.
+        cost: -ln L.
+        residuals: (n, 2) weighted residuals V^-1/2 e, along and across the slip.
+    """
+
+    law: FrictionLaw
+    free: tuple[int, ...]
+    covariance: Array = dataclasses.field(repr=False)
+    systematic: Array = dataclasses.field(repr=False)
+    freedom: int
+    misfit: float
+    cost: float
+    residuals: Array = dataclasses.field(repr=False)
+
+    def deviation(self, k: int) -> float:
+        """Standard deviation of an estimated parameter (index of NAMES)."""
+        j = self.free.index(k)
+        return float(np.sqrt(self.covariance[j, j]))
+
+
+def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
+    """Return V^-1/2 (n, 2, 2) and ln det V (n,) of the residuals of ``law``.
+
+    The first component of V^-1/2 e is along the slip direction, the second one across.
+    """
+    w = data.windows
+    size, cos, sin = slip(w.rates, law.radius)
+    ratio = law.ratio(w.rates)
+    turn = np.zeros((len(w), 2, 2))  # to (along, across) in N
+    turn[:, 0, 0], turn[:, 0, 1] = cos, sin / law.radius
+    turn[:, 1, 0], turn[:, 1, 1] = -sin, cos / law.radius
+    v = turn @ data.own @ turn.transpose(0, 2, 1)
+    loads = np.array([1.0, law.bending])
+    # e = force - friction, friction = -ratio (1, 2/L) loads along: de/dloads = +ratio (1, 2/L).
+    v[:, 0, 0] += ratio**2 * (data.rest @ loads @ loads)
+    cross = ratio[:, None] * np.einsum("nlf,l,nkf->nk", data.shared, loads, turn)
+    v[:, 0, 0] += 2.0 * cross[:, 0]
+    v[:, 0, 1] += cross[:, 1]
+    v[:, 1, 0] += cross[:, 1]
+    limit = ratio * (data.loads @ loads + law.preload)
+    spread = w.rate_noise * [1.0, law.radius]
+    v[:, 1, 1] += np.square(limit / size) * (
+        np.square(sin * spread[:, 0]) + np.square(cos * spread[:, 1])
+    )
+    floor = (FLOOR * float(np.median(np.abs(limit)))) ** 2 + 1e-300
+    v[:, 0, 0] = np.maximum(v[:, 0, 0], 0.0) + floor
+    v[:, 1, 1] = np.maximum(v[:, 1, 1], 0.0) + floor
+    a = np.sqrt(v[:, 0, 0])
+    b = v[:, 1, 0] / a
+    c = np.sqrt(np.maximum(v[:, 1, 1] - b * b, 1e-6 * v[:, 1, 1]))
+    inverse = np.zeros_like(v)
+    inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 1, 0] = 1.0 / a, 1.0 / c, -b / (a * c)
+    return inverse @ turn, 2.0 * (np.log(a) + np.log(c))
+
+
+def weighted_residuals(data: Calibrated, law: FrictionLaw, weights: Array | None = None) -> Array:
+    """Return V^-1/2 e (n, 2) of ``law``."""
+    inverse = factors(data, law)[0] if weights is None else weights
+    e = data.force - friction(law, data.windows.rates, data.loads)
+    return np.asarray(np.einsum("nij,nj->ni", inverse, e))
+
+
+def cost(data: Calibrated, law: FrictionLaw) -> float:
+    """Return -ln L of ``law``, with the dispersion that is most likely, but at least 1.
+
+    The determinant is that of V in force units of the slip directions at R; constants are left out.
+    """
+    inverse, logdet = factors(data, law)
+    r = weighted_residuals(data, law, inverse)
+    square = float(np.square(r).sum())
+    # The residuals were turned to (f1, m1/R): the determinant of that is R^-2.
+    return float(0.5 * (logdet + 2.0 * np.log(law.radius)).sum() + _dispersed(square, len(r)))
+
+
+def _dispersed(square: float, n: int) -> float:
+    k = max(square / (2.0 * n), 1.0)
+    return 0.5 * square / k + n * np.log(k)
+
+
+def fit_law(
+    data: Calibrated, start: FrictionLaw, free: Sequence[int], iterations: int = MAX_ITERATIONS
+) -> KineticFit:
+    """Fit the parameters ``free`` (indices of law.NAMES); the others are held as in ``start``.
+
+    ``iterations`` limits their number.
+
+    Raises IdentifyError if the traction does not oppose the slip.
+    """
+    chosen = list(free)
+    law, rates = start, data.windows.rates
+    for _ in range(iterations):
+        scale = parameter_scales(data, law)[chosen]
+        inverse, _ = factors(data, law)
+        r = weighted_residuals(data, law, inverse)
+        j = -np.einsum("nij,njk->nik", inverse, slopes(law, rates, data.loads, chosen)) * scale
+        step = _solve(j.reshape(-1, len(chosen)), -r.ravel())
+        step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        before = float(np.square(r).sum())
+        for _ in range(8):
+            x = law.vector
+            x[chosen] += step * scale
+            tried = _bounded(data, law_from_vector(x), chosen)
+            if float(np.square(weighted_residuals(data, tried, inverse)).sum()) <= before:
+                break
+            step = 0.5 * step
+        moved = np.abs((tried.vector - law.vector)[chosen] / scale).max(initial=0.0)
+        law = tried
+        if moved < CONVERGED:
+            break
+    return _finished(data, law, chosen)
+
+
+def _solve(j: Array, r: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(j, r, rcond=1e-10)[0])
+
+
+def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionLaw:
+    """Return the law, with a preload that keeps FN away from zero in every window."""
+    changed = {}
+    if PRELOAD in chosen:
+        contact = data.loads @ [1.0, law.bending]
+        least = LEAST_NORMAL * float(np.abs(contact).mean()) - float(contact.min())
+        if law.preload < least:
+            changed["preload"] = least
+    if DECAY in chosen:
+        size = slip(data.windows.rates, law.radius)[0]
+        low, high = 2.0 / float(size.max()), 10.0 / float(size.min())
+        changed["decay"] = min(max(law.decay, low), high)
+    return dataclasses.replace(law, **changed)
+
+
+def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticFit:
+    n, k = len(data), len(chosen)
+    scale = parameter_scales(data, law)[chosen]
+    inverse, _ = factors(data, law)
+    r = weighted_residuals(data, law, inverse)
+    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    j = -np.einsum("nij,njk->nik", inverse, derivative) * scale
+    bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-14)
+    covariance = _sandwich_covariance(j, r, bread)
+    if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
+        raise IdentifyError("no friction shows: the traction does not oppose the slip")
+    changed = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
+    shift = weighted_residuals(data, changed, inverse) - r
+    systematic = np.abs(np.einsum("ab,nib,ni->an", bread, j, shift)).sum(axis=1)
+    return KineticFit(
+        law=law,
+        free=tuple(chosen),
+        covariance=covariance * np.outer(scale, scale),
+        systematic=systematic * scale,
+        freedom=max(n - k, 1),
+        misfit=float(np.square(r).sum() / max(2 * n - k, 1)),
+        cost=cost(data, law),
+        residuals=r,
+    )
+
+
+def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
+    """Return the changes (10,) of the vector that change the limit by 100 %, to first order."""
+    radial, moment = (float(x) for x in data.loads.mean(axis=0))
+    force = max(radial + law.bending * moment + max(law.preload, 0.0), 1e-12)
+    limit = force * law.coefficient
+    rate, spin = np.sqrt(np.square(data.windows.rates).mean(axis=0))
+    scales = np.ones(len(law.vector))
+    scales[PRELOAD] = force
+    scales[OVERLAP] = force / max(moment, 1e-12 * force)
+    scales[VISCOUS] = limit / max(rate, 1e-12)
+    scales[VISCOUS_SPIN] = limit * law.radius / max(spin, 1e-12)
+    scales[OFFSET] = limit
+    return scales
+
+
+def _sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
+    """Return the HC3 covariance of a least-squares estimate, with blocks of two rows per window."""
+    leverage = np.einsum("nia,ab,njb->nij", jacobian, bread, jacobian)
+    left = np.linalg.solve(np.eye(2) * (1.0 + 1e-9) - leverage, r[:, :, None])[:, :, 0]
+    scores = np.einsum("nia,ni->na", jacobian, left)
+    return np.asarray(bread @ (scores.T @ scores) @ bread)
+
+
+def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:
+    """Return the standard deviations (free,) expected from the noise at ``law``.
+
+    In units of :func:`parameter_scales`.
+    """
+    chosen = list(free)
+    inverse, _ = factors(data, law)
+    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    j = np.einsum("nij,njk->nik", inverse, derivative) * parameter_scales(data, law)[chosen]
+    _, sizes, vt = np.linalg.svd(j.reshape(-1, len(chosen)), full_matrices=False)
+    sizes = np.maximum(sizes, 1e-9 * sizes.max(initial=1e-300))
+    return np.asarray(np.sqrt(np.square(vt / sizes[:, None]).sum(axis=0)))
+
+
+def unexplained(data: Calibrated, law: FrictionLaw, free: Sequence[int], k: int) -> float:
+    """Return the share of the effect of parameter ``k`` that parameters ``free`` cannot imitate."""
+    inverse, _ = factors(data, law)
+    derivative = slopes(law, data.windows.rates, data.loads, [*free, k])
+    j = np.einsum("nij,njk->nik", inverse, derivative).reshape(-1, len(free) + 1)
+    j = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    rest = j[:, -1] - j[:, :-1] @ _solve(j[:, :-1], j[:, -1])
+    return float(np.linalg.norm(rest))

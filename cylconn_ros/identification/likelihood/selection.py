@@ -1,0 +1,308 @@
+"""Choice of the friction model by the data: excitation, terms by an information criterion.
+
+The search starts at Coulomb friction with those of preload, overlap and radius that the motion
+excites. A term enters if it lowers ``-2 ln L + k ln n`` by more than MIN_GAIN, the one that lowers
+it most first; afterwards every term that does not pay any more leaves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.likelihood.contact_loads import (
+    MIN_SIGNAL_TO_NOISE,
+    Calibrated,
+    ContactLoads,
+)
+from cylconn_ros.identification.likelihood.kinetic import (
+    MAX_ITERATIONS,
+    KineticFit,
+    fit_law,
+    parameter_scales,
+    predicted_deviations,
+    unexplained,
+)
+from cylconn_ros.identification.likelihood.law import (
+    COEFFICIENT,
+    DECAY,
+    DIRECTION,
+    NAMES,
+    OFFSET,
+    OVERLAP,
+    PRELOAD,
+    RADIUS,
+    STRIBECK,
+    VISCOUS,
+    VISCOUS_SPIN,
+    FrictionLaw,
+    slip,
+)
+
+MAX_PREDICTED_DEVIATION = 0.25  # of a parameter's effect on the limit; above: not excited
+MIN_GAIN = 2.0  # of the criterion
+MIN_DEVIATIONS = 2.5  # standard deviations of a term that enters
+SAME = 3.0  # difference of the criterion below which two models describe the data equally well
+MIN_UNEXPLAINED = 0.02  # of the effect of a term: what the terms in the model cannot imitate
+ROUGH = 10  # iterations of the fits that search for the decay
+DECAYS = 6  # start values of the decay
+TERMS: dict[str, tuple[int, ...]] = {
+    "viscous friction of the slide": (VISCOUS,),
+    "viscous friction of the spin": (VISCOUS_SPIN,),
+    "offset force": (OFFSET,),
+    "difference by direction": (DIRECTION,),
+    "Stribeck decay": (STRIBECK, DECAY),
+}
+"""Terms beyond Coulomb friction and the indices of their parameters."""
+
+
+class Choice(NamedTuple):
+    """The chosen model."""
+
+    fitted: KineticFit
+    terms: tuple[str, ...]  # of TERMS, that are in
+    left_out: dict[str, str]  # the others, with the reason
+    alternatives: dict[str, str]  # terms that are in, with the one that would do as well
+    held: dict[str, str]  # preload, overlap or radius, with the reason why they are not estimated
+
+
+def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list[int]) -> Choice:
+    """Choose and fit the model; ``free`` are the parameters of :data:`NAMES` to be estimated.
+
+    Raises IdentifyError if the traction does not oppose the slip.
+    """
+    fitted, held = fit_excited(data, loads, start, free)
+    terms: list[str] = []
+    reasons: dict[str, str] = {}
+    while True:
+        best: tuple[float, str, KineticFit] | None = None
+        for name in TERMS:
+            if name in terms:
+                continue
+            tried, reasons[name] = _with_term(data, fitted, name)
+            if tried is not None:
+                gain = criterion(fitted, len(data)) - criterion(tried, len(data))
+                if gain > MIN_GAIN and (best is None or gain > best[0]):
+                    best = (gain, name, tried)
+        if best is None:
+            break
+        _, name, fitted = best
+        terms.append(name)
+    fitted, terms = _pruned(data, fitted, terms, reasons)
+    fitted = _freed(data, fitted, held)
+    alternatives = _alternatives(data, fitted, terms)
+    left = {name: reasons[name] for name in TERMS if name not in terms}
+    return Choice(fitted, tuple(terms), left, alternatives, held)
+
+
+def criterion(fitted: KineticFit, n: int) -> float:
+    """Return -2 ln L + k ln n."""
+    return 2.0 * fitted.cost + len(fitted.free) * float(np.log(n))
+
+
+def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[KineticFit | None, str]:
+    """Fit with one more term; None and the reason if the motion does not determine it."""
+    law, free = fitted.law, list(fitted.free)
+    at = TERMS[name]
+    size, cos, _ = slip(data.windows.rates, law.radius)
+    rates = np.abs(data.windows.rates)
+    share = rates[:, 1].max() * law.radius / size.max()
+    if name == "viscous friction of the spin" and share < 0.1:
+        return None, "not excited: it hardly spins"
+    if name == "viscous friction of the slide" and rates[:, 0].max() < 0.1 * size.max():
+        return None, "not excited: it hardly slides"
+    both = (cos > 0.3).sum() >= 3 and (cos < -0.3).sum() >= 3
+    if name in ("offset force", "difference by direction") and not both:
+        return None, "not excited: it slides in one direction only"
+    others = at[:1]
+    if name != "Stribeck decay" and unexplained(data, law, free, at[0]) < MIN_UNEXPLAINED:
+        return None, "not excited: the terms in the model have the same effect in this motion"
+    if name != "Stribeck decay":
+        worst = predicted_deviations(data, law, [*free, *others])
+        if (worst > 2.0 * MAX_PREDICTED_DEVIATION).any():
+            return None, "not excited: the motion does not separate it from the others"
+        starts = [law]
+    else:
+        if size.max() < 3.0 * size.min():
+            return None, "not excited: the slip rate hardly changes"
+        decays = np.geomspace(1.0 / size.max(), 3.0 / size.min(), DECAYS)
+        starts = [dataclasses.replace(law, stribeck=0.3, decay=float(d)) for d in decays]
+    best: KineticFit | None = None
+    for start in starts:
+        try:
+            tried = fit_law(
+                data, start, sorted([*free, *at]), ROUGH if len(starts) > 1 else MAX_ITERATIONS
+            )
+        except (IdentifyError, np.linalg.LinAlgError):
+            continue
+        if best is None or tried.cost < best.cost:
+            best = tried
+    if best is None:
+        return None, "no fit"
+    if len(starts) > 1 and criterion(fitted, len(data)) - criterion(best, len(data)) > -SAME:
+        best = fit_law(data, best.law, best.free)
+    main = best.law.vector[at[0]]
+    deviation = best.deviation(at[0])
+    gain = criterion(fitted, len(data)) - criterion(best, len(data))
+    text = (
+        f"not needed: {NAMES[at[0]]} = {main:.3g} ± {1.96 * deviation:.2g} (criterion {-gain:+.1f})"
+    )
+    if abs(main) < MIN_DEVIATIONS * deviation:
+        return None, text
+    allowed = 2.0 * MAX_PREDICTED_DEVIATION * parameter_scales(data, best.law)[list(best.free)]
+    wide = not (np.sqrt(np.diag(best.covariance)) <= allowed).all()
+    if wide or (name == "Stribeck decay" and not -0.95 < main < 10.0):
+        return None, "not excited: the motion does not separate it from the others"
+    return best, text
+
+
+def _pruned(
+    data: Calibrated, fitted: KineticFit, terms: list[str], reasons: dict[str, str]
+) -> tuple[KineticFit, list[str]]:
+    """Leave out the terms that do not pay any more."""
+    for name in list(terms)[:-1]:
+        again = _without(data, fitted, name)
+        if again is not None and criterion(again, len(data)) < criterion(fitted, len(data)):
+            reasons[name] = "not needed: the terms that entered later explain it"
+            fitted = again
+            terms = [one for one in terms if one != name]
+    return fitted, terms
+
+
+def _freed(data: Calibrated, fitted: KineticFit, held: dict[str, str]) -> KineticFit:
+    """Estimate held parameters that only the missing terms had hidden; remove them from held."""
+    for name in list(held):
+        k = NAMES.index(name)
+        free = sorted([*fitted.free, k])
+        if "no bending" in held[name] or "hardly spins" in held[name]:
+            continue
+        if (predicted_deviations(data, fitted.law, free) > MAX_PREDICTED_DEVIATION).any():
+            continue
+        try:
+            tried = fit_law(data, fitted.law, free)
+        except (IdentifyError, np.linalg.LinAlgError):
+            continue
+        scale = parameter_scales(data, tried.law)[free]
+        if (np.sqrt(np.diag(tried.covariance)) <= MAX_PREDICTED_DEVIATION * scale).all():
+            fitted = tried
+            del held[name]
+    return fitted
+
+
+def _without(data: Calibrated, fitted: KineticFit, name: str) -> KineticFit | None:
+    vector = {NAMES[k]: 0.0 for k in TERMS[name] if k != DECAY}
+    try:
+        law = dataclasses.replace(fitted.law, **vector)
+        return fit_law(data, law, [k for k in fitted.free if k not in TERMS[name]])
+    except (IdentifyError, np.linalg.LinAlgError):
+        return None
+
+
+def _alternatives(data: Calibrated, fitted: KineticFit, terms: list[str]) -> dict[str, str]:
+    """Return the terms that another one could replace, with that one."""
+    found: dict[str, str] = {}
+    for name in terms:
+        less = _without(data, fitted, name)
+        if less is None:
+            continue
+        for other in TERMS:
+            if other in terms or other == "Stribeck decay":
+                continue
+            if _same_effect(data, fitted, less, other):
+                found[name] = other
+                continue
+            tried, _ = _with_term(data, less, other)
+            if tried is None:
+                continue
+            if criterion(tried, len(data)) - criterion(fitted, len(data)) < SAME:
+                found[name] = other
+    return found
+
+
+def _same_effect(data: Calibrated, fitted: KineticFit, less: KineticFit, other: str) -> bool:
+    """Return whether a term has the effect of the one that ``less`` lacks, and no other one.
+
+    Then only the spread of the residuals prefers one of them, which is not enough.
+    """
+    k = TERMS[other][0]
+    own = unexplained(data, less.law, less.free, k)
+    return own > MIN_UNEXPLAINED > unexplained(data, fitted.law, fitted.free, k)
+
+
+def fit_excited(
+    data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list[int]
+) -> tuple[KineticFit, dict[str, str]]:
+    """Fit the parameters of Coulomb friction that the motion excites.
+
+    Returns
+    -------
+        The fit, and for every other parameter in ``free`` the reason why it is held.
+    """
+    notes: dict[str, str] = {}
+    if OVERLAP in free and len(free) > 1 and loads.signal_to_noise[1] < MIN_SIGNAL_TO_NOISE:
+        notes["overlap"] = "not excited: there is no bending moment beyond noise"
+        free = [j for j in free if j != OVERLAP]
+    # A first estimate of the coefficient, for the predicted deviations.
+    traction = np.hypot(data.force[:, 0], data.force[:, 1] / start.radius)
+    normal = start.normal(data.loads[:, 0], data.loads[:, 1])
+    guess = float(traction.mean() / max(normal.mean(), 1e-300))
+    law = dataclasses.replace(start, coefficient=min(max(guess, 1e-3), 10.0))
+    while True:
+        while True:
+            worst = predicted_deviations(data, law, free)
+            if (worst <= MAX_PREDICTED_DEVIATION).all() or len(free) == 1:
+                break
+            k = _least_excited(data, law, free)
+            notes[NAMES[k]] = _not_excited(k, data, loads, law)
+            free = [j for j in free if j != k]
+        fitted = fit_law(data, law, free)
+        # Again at the fitted law, and with the spread of the windows themselves.
+        size = np.sqrt(np.diag(fitted.covariance)) / parameter_scales(data, fitted.law)[free]
+        predicted = predicted_deviations(data, fitted.law, free)
+        if len(free) == 1 or (np.maximum(size, predicted) <= MAX_PREDICTED_DEVIATION).all():
+            return fitted, notes
+        k = _least_excited(data, fitted.law, free)
+        notes[NAMES[k]] = _not_excited(k, data, loads, fitted.law)
+        free = [j for j in free if j != k]
+
+
+def _least_excited(data: Calibrated, law: FrictionLaw, free: list[int]) -> int:
+    """Return the parameter to hold so that the others are determined best.
+
+    Among nearly equal ones: bending before preload before radius.
+    """
+    order = [k for k in (OVERLAP, PRELOAD, RADIUS) if k in free]
+    left = [
+        float(predicted_deviations(data, law, [j for j in free if j != k]).max()) for k in order
+    ]
+    best = min(left)
+    return next(k for k, worst in zip(order, left, strict=True) if worst <= 1.5 * best)
+
+
+def _not_excited(k: int, data: Calibrated, loads: ContactLoads, law: FrictionLaw) -> str:
+    """Return the reason why a motion does not determine a parameter."""
+    if k == RADIUS:
+        spin = np.abs(data.windows.rates[:, 1]) * law.radius
+        share = spin / np.maximum(np.hypot(data.windows.rates[:, 0], spin), 1e-300)
+        if share.max() < 0.1:
+            return "not excited: it slides and hardly spins"
+        if share.min() > 0.9:
+            return "not excited: it spins and hardly slides, which determines only mu R"
+        return "not excited: the ratio of slide to spin hardly changes"
+    radial = f"{loads.radial.min():.3g} to {loads.radial.max():.3g} N"
+    if k == OVERLAP:
+        if 2.0 * loads.moment.max() < 1e-3 * loads.radial.mean() * law.radius:
+            return "not excited: there is no bending moment"
+        bending = f"{loads.moment.min():.3g} to {loads.moment.max():.3g} N.m"
+        return (
+            f"not excited: radial force ({radial}) and bending moment ({bending}) hardly "
+            "change relative to each other"
+        )
+    return f"not excited: the normal force hardly changes (radial force {radial})"
+
+
+BASE = (COEFFICIENT, PRELOAD, OVERLAP, RADIUS)
+"""Parameters of Coulomb friction."""

@@ -1,0 +1,90 @@
+"""Choice of the friction model, known drives, an axis from its effort, tables and advice."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from test_identify import evenly, measured, pushed
+
+from cylconn_ros.bench.identification import axis, coverage, joints
+from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.advice import advice, feed_forward
+from cylconn_ros.identification.effort import AxisRecording, estimate_axis
+from cylconn_ros.identification.friction import estimate_friction
+from cylconn_ros.recording.samples import SampleArrays
+
+
+def test_friction_by_direction_does_not_make_the_normal_force_vanish() -> None:
+    """Without the determinant and the calibration of loads, mu was 220 here."""
+    rows = joints.motion(joints.law_of("by direction"))
+    found = estimate_friction(joints.scene(), joints.measured(rows, "white", 1))
+    assert found.choice.terms == ("difference by direction",)
+    assert found["coefficient"].value == pytest.approx(0.2, rel=0.05)
+    assert found["coefficient_positive"].value == pytest.approx(0.24, rel=0.05)
+    assert "holds: Coulomb, difference by direction" in found.verdict()[0]
+
+
+def test_friction_that_no_term_describes_is_rejected_and_has_no_numbers() -> None:
+    """A friction that depends on the place in the slot."""
+    law = joints.law_of("Coulomb")
+    rows = joints.motion(law)
+    places = rows[:, 13]
+    drive = np.zeros((len(rows), 2))
+    drive[:, 0] = 3.0 * np.sin(1.5 * places)
+    found = estimate_friction(joints.scene(), joints.measured(rows, "white", 1), drive=drive)
+    assert not found.accepted
+    assert math.isnan(found["coefficient"].value)
+    assert "model rejected" in found["coefficient"].note
+    assert found.verdict()[0].startswith("do not use")
+    with pytest.raises(IdentifyError, match="no table"):
+        feed_forward(found, ".csv")
+
+
+def test_a_known_drive_is_not_friction() -> None:
+    scene, motion = pushed(None)
+    drive = np.zeros((len(motion), 2))
+    drive[1:] = motion[:-1][:, [32, 35]]
+    motion[:, [32, 35]] = 0.0
+    found = estimate_friction(scene, evenly(measured(motion, 1)), drive=drive)
+    assert found["coefficient"].low <= 0.2 <= found["coefficient"].high
+
+
+def test_an_axis_from_positions_and_effort_alone() -> None:
+    recording = axis.simulate(seed=3)
+    halves = [
+        AxisRecording(recording.time[part], recording.position[part], recording.effort[part])
+        for part in (slice(0, 12000), slice(12000, None))
+    ]
+    for given in ([recording], halves):
+        found = estimate_axis(given)
+        for name, value in axis.TRUTH.items():
+            assert found[name][0] == pytest.approx(value, rel=0.01), name
+    still = dataclasses.replace(recording, position=0.0 * recording.position)
+    with pytest.raises(IdentifyError, match="0 windows"):
+        estimate_axis([still])
+
+
+def test_a_table_and_advice() -> None:
+    rows = joints.motion(joints.law_of("viscous"))
+    found = estimate_friction(joints.scene(), joints.measured(rows, "white", 1), {"radius": 0.02})
+    table = np.array(
+        [
+            [float(x) for x in line.split(",")]
+            for line in feed_forward(found, ".csv").splitlines()[1:]
+        ]
+    )
+    slope = (table[-1, 1] - table[-2, 1]) / (table[-1, 0] - table[-2, 0])
+    assert slope == pytest.approx(2.0, rel=0.05)
+    assert "feed_forward:" in feed_forward(found, ".yaml")
+    assert not advice(found)
+
+
+def test_samples_of_the_study_are_what_they_say() -> None:
+    samples = joints.measured(joints.motion(joints.law_of("Coulomb")), "uneven stamps", 1)
+    assert isinstance(samples, SampleArrays)
+    assert np.ptp(samples.h[1:]) > 0.5e-3
+    draw = coverage.draw((coverage.AXIS, "encoder", 1), {})
+    assert {f"identify/{name}" for name in axis.TRUTH} < set(draw)
