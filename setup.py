@@ -233,7 +233,14 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_dir={"": "."},
     package_data={NAME: ["py.typed"]},
-    install_requires=[*ROS, "mcap>=1.1", "numpy>=1.26", "pyyaml>=6", "zstandard>=0.22"],
+    install_requires=[
+        *ROS,
+        "bokeh>=3.4",
+        "mcap>=1.1",
+        "numpy>=1.26",
+        "pyyaml>=6",
+        "zstandard>=0.22",
+    ],
     extras_require={
         "fast": FAST,
         "demo": DEMO,

@@ -29,7 +29,7 @@ class RunSummary:
     worst_misalignment: float  # rad
     worst_residual: float
     refused: int  # samples with a zero wrench (status not OK)
-    regimes: dict[str, float]  # share of the samples in each regime that occurs
+    regimes: dict[str, float]  # share of the samples in each regime that occurs, and refused
     flags: dict[str, int]  # samples with each flag that occurs, except "stopped"
 
 
@@ -62,6 +62,7 @@ class Reduction:
     def __init__(self) -> None:
         self._samples = self._refused = 0
         self._begin = self._end = self._stop = math.nan
+        self._moved = self._rest = math.nan  # last sample that does not stick, first one after it
         self._last: dict[str, float] = {}
         self._regimes = np.zeros(len(REGIMES), np.int64)
         self._flags = np.zeros(len(FLAGS), np.int64)
@@ -74,9 +75,16 @@ class Reduction:
         self._end = float(time[-1])
         self._samples += len(time)
         regime, flags = np.asarray(state["regime"]), np.asarray(state["flags"]).astype(np.int64)
-        self._regimes += [np.count_nonzero(regime == k) for k in range(len(REGIMES))]
+        accepted = np.asarray(state["status"]) == 0  # a refused sample has no regime
+        self._regimes += [np.count_nonzero(accepted & (regime == k)) for k in range(len(REGIMES))]
         self._flags += [np.count_nonzero(flags & (1 << bit)) for bit in range(len(FLAGS))]
         self._refused += int(np.count_nonzero(state["status"]))
+        moving = np.flatnonzero(~accepted | (regime != _STICK))
+        after = int(moving[-1]) + 1 if len(moving) else 0
+        if len(moving):
+            self._moved, self._rest = float(time[moving[-1]]), math.nan
+        if math.isnan(self._rest) and after < len(time):
+            self._rest = float(time[after])
         self._last = {n: float(state[n][-1]) for n in ("displacement", "rotation", "regime")}
         stops = np.flatnonzero(state["stop_time"] >= 0.0)
         if len(stops):
@@ -86,7 +94,8 @@ class Reduction:
 
     def result(self) -> RunSummary:
         """Summary of all states added; needs at least one."""
-        shares = zip(REGIMES, self._regimes / self._samples, strict=True)
+        counts = [*self._regimes, self._refused]
+        shares = zip((*REGIMES, "refused"), np.array(counts) / self._samples, strict=True)
         return RunSummary(
             samples=self._samples,
             duration=self._end - self._begin,
@@ -106,13 +115,12 @@ class Reduction:
         )
 
     def _stop_time(self) -> float:
-        """Begin of the last rest, s: the interpolated time of the step that comes to rest.
+        """Begin of the last rest, s; NaN if the last sample does not stick.
 
-        Without such a step, the run is at rest from its first sample on.
+        The interpolated time of the step that comes to rest if the method gives it, else the first
+        sample of those that stick until the end.
         """
-        if self._last["regime"] != _STICK:
-            return math.nan
-        return self._begin if math.isnan(self._stop) else self._stop
+        return self._stop if self._stop >= self._moved else self._rest
 
 
 def _largest(values: npt.NDArray[Any]) -> float:

@@ -84,6 +84,14 @@ def test_foxglove_paths_exist() -> None:
         check(topic, steps)
 
 
+def test_foxglove_and_lichtblick_read_the_titles() -> None:
+    panels = LAYOUT["configById"]
+    for name, panel in panels.items():
+        if name.startswith(("Plot!", "StateTransitions!", "3D!")):
+            assert panel["foxglovePanelTitle"] == panel["lichtblickPanelTitle"] != "", name
+            assert "title" not in panel, name  # read by neither
+
+
 def test_foxglove_places_every_panel_once() -> None:
     layout = json.loads(FOXGLOVE.read_text())
     placed = list(panels_of(layout["layout"]))

@@ -16,6 +16,8 @@ from odometry_bag import odometry_bag
 from paths import BAGS
 
 from cylconn_ros.cli.main import main
+from cylconn_ros.cli.report import facts
+from cylconn_ros.cli.summary import FIELDS, RunSummary, summarise
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
@@ -363,3 +365,38 @@ def test_a_recording_without_states_is_refused_with_the_remedy(
     error = capsys.readouterr().err
     assert "no states of a connector" in error
     assert f"cylconn replay {tmp_path / 'inputs'} -o RUN" in error
+
+
+# Summary
+
+
+def summary_of(regime: list[int], **changed: list[float]) -> RunSummary:
+    count = len(regime)
+    state = {name: np.zeros(count) for name in FIELDS} | {"stop_time": np.full(count, -1.0)}
+    state["regime"] = np.array(regime)
+    state |= {name: np.array(values) for name, values in changed.items()}
+    return summarise(np.arange(count) * 0.1, state)
+
+
+def test_rest_without_a_stop_time_begins_after_the_last_motion() -> None:
+    assert summary_of([2, 2, 1, 1]).stop_time == pytest.approx(0.2)
+    assert summary_of([1, 1]).stop_time == 0.0
+    assert np.isnan(summary_of([1, 2]).stop_time)
+    again = summary_of([2, 1, 2, 1], stop_time=[0.05, -1.0, -1.0, -1.0])
+    assert again.stop_time == pytest.approx(0.3)  # not the stop before the last motion
+    given = summary_of([2, 2, 1], stop_time=[-1.0, 0.04, -1.0])
+    assert given.stop_time == pytest.approx(0.14)
+
+
+def test_refused_samples_have_no_regime() -> None:
+    found = summary_of([0, 0, 2, 2], status=[1, 1, 0, 0])
+    assert found.regimes == {"slip": 0.5, "refused": 0.5}
+
+
+def test_a_runaway_is_marked(run: Run) -> None:
+    def marked(**changed: list[float]) -> set[str]:
+        return {fact.label for fact in facts(summary_of([2], **changed), run) if fact.bad}
+
+    assert marked() == set()
+    assert marked(offset_violation=[0.5]) == {"worst offset"}
+    assert marked(angular_violation=[np.nan]) == {"worst misalignment"}
