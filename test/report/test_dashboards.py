@@ -85,7 +85,7 @@ def test_foxglove_paths_exist() -> None:
 
 
 def test_foxglove_and_lichtblick_read_the_titles() -> None:
-    panels = LAYOUT["configById"]
+    panels = json.loads(FOXGLOVE.read_text())["configById"]
     for name, panel in panels.items():
         if name.startswith(("Plot!", "StateTransitions!", "3D!")):
             assert panel["foxglovePanelTitle"] == panel["lichtblickPanelTitle"] != "", name
