@@ -40,6 +40,7 @@ ROS = [
     "ros-jazzy-lifecycle-msgs",
     "ros-jazzy-nav-msgs",
     "ros-jazzy-rcl-interfaces",
+    "ros-jazzy-rosgraph-msgs",
     "ros-jazzy-sensor-msgs",
     "ros-jazzy-std-msgs",
     "ros-jazzy-std-srvs",
@@ -47,7 +48,8 @@ ROS = [
 ]
 FAST = ["numba>=0.59"]
 DEMO = [*FAST, "matplotlib>=3.8", "scipy>=1.11"]
-BENCH = [*DEMO, "mujoco>=3.1"]
+MUJOCO = [*FAST, "mujoco>=3.3"]
+BENCH = [*DEMO, *MUJOCO]
 PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; python_version < '3.12'"]
 DOCS = ["furo>=2024.8", "myst-parser>=4", "sphinx>=8.1"]
 TEST = [
@@ -243,6 +245,7 @@ setup(
     ],
     extras_require={
         "fast": FAST,
+        "mujoco": MUJOCO,
         "demo": DEMO,
         "bench": BENCH,
         "peers": PEERS,
@@ -253,6 +256,7 @@ setup(
         "console_scripts": [
             f"connector = {NAME}.ros.connector.node:main",
             f"plant = {NAME}.ros.plant.node:main",
+            f"mujoco_plant = {NAME}.ros.plant.mujoco_node:main",
             f"cylconn = {NAME}.cli.main:main",
         ]
     },

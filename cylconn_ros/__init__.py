@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         Stops,
     )
     from cylconn_ros.scene.bodies import Body, Node, PlantBody, PlantSettings, Reference
-    from cylconn_ros.scene.outputs import Limits, QualityOfService, Record, Wrench
+    from cylconn_ros.scene.outputs import Access, Limits, QualityOfService, Record, Wrench
     from cylconn_ros.scene.resources import shipped, shipped_scenes
     from cylconn_ros.scene.scene import Scene, load
     from cylconn_ros.simulation.run import Run
@@ -70,6 +70,7 @@ _MODULES = {
         "Command",
     ),
     "scene.outputs": (
+        "Access",
         "Wrench",
         "Limits",
         "QualityOfService",
@@ -83,6 +84,7 @@ _MODULES = {
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
+    "Access",
     "Baumgarte",
     "Body",
     "Command",

@@ -17,6 +17,10 @@ class CommandError(CylconnError):
     """A command cannot be carried out."""
 
 
+class ModelError(CylconnError, ValueError):
+    """A model of another program cannot be imported; the text names the part and the rule."""
+
+
 class IdentifyError(CylconnError):
     """A recording does not determine what was asked; the message says what it lacks."""
 

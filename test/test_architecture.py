@@ -15,8 +15,8 @@ LAYERS = (
     ("errors", "core"),
     ("methods",),
     ("scene",),
-    ("connector", "process"),
-    ("simulation", "messages", "recording"),
+    ("connector", "process", "importing"),
+    ("simulation", "messages", "recording", "mujoco"),
     ("reference", "identification", "laws", "report", "replay", "ros"),
     ("bench",),
     ("cli",),
@@ -33,6 +33,7 @@ ROS = {
     "nav_msgs",
     "rcl_interfaces",
     "rclpy",
+    "rosgraph_msgs",
     "sensor_msgs",
     "std_msgs",
     "std_srvs",
@@ -185,6 +186,7 @@ WIDE = {
     "core": "one concept of the mechanics a file",
     "laws": "one law, or one ingredient of the independent check, a file",
     "cli": "one command a file",
+    "scene": "one group or aspect of the parameters a file",
 }
 
 

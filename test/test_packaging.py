@@ -26,7 +26,7 @@ from installing import (
 
 PYTHON = "python{}.{}".format(*sys.version_info)
 PACKAGE = f"lib/{PYTHON}/site-packages/cylconn_ros"
-EXECUTABLES = ("connector", "plant", "cylconn")
+EXECUTABLES = ("connector", "plant", "mujoco_plant", "cylconn")
 TYPE_SUPPORT = ("c", "fastrtps_c", "introspection_c")
 
 # What `ros2 run`, rclpy, rosbag2, C++ peers and the ament tools look for. See also test_same_files.

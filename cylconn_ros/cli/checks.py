@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -68,3 +69,11 @@ def add_connector(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--connector", metavar="NAME", default="", help="connector, if the run holds several"
     )
+
+
+def add_recording(parser: argparse.ArgumentParser, name: str, metavar: str) -> None:
+    """Declare the argument that names a recording: one or more files or directories."""
+    parser.add_argument(
+        name, metavar=metavar, type=Path, nargs="+",
+        help="recorded directory or file; several are the parts of one recording",
+    )  # fmt: skip

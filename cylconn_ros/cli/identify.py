@@ -19,7 +19,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cylconn_ros.cli.checks import add_connector
+from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.run import read_run
@@ -44,7 +44,7 @@ _TITLES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("recording", metavar="BAG", type=Path, help="recorded directory or file")
+    add_recording(parser, "recording", "BAG")
     add_connector(parser)
     parser.add_argument(
         "--params",
@@ -91,13 +91,13 @@ def run(options: argparse.Namespace) -> int:
         try:
             found = identify(recorded, scene, known=dict(options.known), remap=dict(options.topic))
         except IdentifyError as error:
-            raise CommandError(f"{options.recording}: {error}") from None
+            raise CommandError(f"{recorded.path}: {error}") from None
     if options.json is not None:
         _write_json(found, options.json)
     if options.json is None or str(options.json) != "-":
         print("\n".join(table(found)))
     if options.plot is not None:
-        _draw(found, options.recording.name, options.plot)
+        _draw(found, recorded.path.name, options.plot)
         print(f"picture     {options.plot}")
     if str(options.json) != "-":
         plot = "" if options.plot is not None else "draw the estimate with --plot FILE.png; "

@@ -16,14 +16,13 @@ import math
 import shutil
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cylconn_ros.cli.checks import add_connector
-from cylconn_ros.cli.summary import FIELDS, Reduction, RunSummary
+from cylconn_ros.cli.checks import add_connector, add_recording
+from cylconn_ros.cli.summary import FIELDS, GREATEST, Reduction, RunSummary
 from cylconn_ros.connector.enums import REGIMES
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.run import Run, read_run
@@ -35,7 +34,7 @@ Array = npt.NDArray[Any]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("recording", metavar="RUN", type=Path, help="recorded directory or file")
+    add_recording(parser, "recording", "RUN")
     add_connector(parser)
 
 
@@ -48,15 +47,20 @@ def run(options: argparse.Namespace) -> int:
     if "salvaged" in recorded.metadata:
         lines.append(f"recovered {recorded.metadata['salvaged']}")
     lines += _topics(recorded)
+    lines += [f"left out    {topic}: {reason}" for topic, reason in recorded.left_out.items()]
+    lines += [f"note        {text}" for text in recorded.source.notes]
     complete = recorded.incomplete is None
     if not complete:
         lines.append(f"INCOMPLETE: {recorded.incomplete}")
     undecodable = _undecodable(recorded)
     lines += [f"UNDECODABLE: {count} messages of {topic}" for topic, count in undecodable.items()]
-    lines += _states(recorded)
-    print("\n".join(lines))
+    empty = not any(recorded.counts.values())
+    if empty:
+        lines.append("NO MESSAGE  nothing of the recording can be read")
+    states, problem = _states(recorded)
+    print("\n".join(lines + states))
     print(_next(recorded, complete))
-    return 0 if complete and not undecodable else 1
+    return 0 if complete and not undecodable and not empty and not problem else 1
 
 
 def _next(recorded: Run, complete: bool) -> str:
@@ -88,27 +92,30 @@ def _undecodable(recorded: Run) -> dict[str, int]:
     return {topic: count for topic, count in counts.items() if count}
 
 
-def _states(recorded: Run) -> list[str]:
-    """Summary and curves of the states, or of each connector."""
+def _states(recorded: Run) -> tuple[list[str], bool]:
+    """Summary and curves of the states, or of each connector; whether they show a problem."""
     if recorded.connectors:
         return _connectors(recorded)
+    if _STATE not in recorded.types.values():
+        return ["no state was recorded"], False
     try:
         found, methods, drawn = _read(recorded)
     except RecordingError as error:
-        return [f"states cannot be read: {error}"]
+        return [f"states cannot be read: {error}"], True
     if found is None:
-        return ["no state was recorded"]
+        return ["no state was recorded"], False
     model = recorded.metadata.get("model", "not recorded")
     lines = [f"method      {', '.join(methods)}", f"model       {model}", *describe(found)]
     lines += ["", "State timeline"]
-    return lines + timeline(drawn, width=shutil.get_terminal_size((100, 24)).columns)
+    lines += timeline(drawn, width=shutil.get_terminal_size((100, 24)).columns)
+    return lines, bool(found.problem)
 
 
 def _read(recorded: Run) -> tuple[RunSummary | None, list[str], dict[str, Array]]:
     """Summary of a run, its methods, and the columns to draw, in single precision."""
     topic = recorded.state_topic
     reduction, methods = Reduction(), dict[str, None]()
-    fields = {field for _, field, *_ in _CURVES} | {"regime"}
+    fields = {field for _, field, *_ in _CURVES} | {"regime", "status"}
     drawn: dict[str, list[Array]] = {field: [np.zeros(0, np.float32)] for field in fields}
     begin = None
     for block in recorded.read_blocks(topic, fields={*FIELDS, *fields, *STAMP, "method"}):
@@ -125,11 +132,12 @@ def _read(recorded: Run) -> tuple[RunSummary | None, list[str], dict[str, Array]
     return found, list(methods), {name: np.concatenate(parts) for name, parts in drawn.items()}
 
 
-def _connectors(recorded: Run) -> list[str]:
-    """One line per connector."""
+def _connectors(recorded: Run) -> tuple[list[str], bool]:
+    """One line per connector; whether one shows a problem."""
     names = recorded.connectors
     width = max(map(len, names))
     lines = [f"{len(names)} connectors; details of one with --connector NAME"]
+    problems = False
     for name in names:
         found, _, _ = _read(recorded.select(name))
         if found is not None:
@@ -137,12 +145,15 @@ def _connectors(recorded: Run) -> list[str]:
             worst = f"{found.worst_offset * 1e3:.1e} mm, {found.worst_misalignment * 1e3:.1e} mrad"
             text = f"{found.samples} samples over {found.duration:.6g} s; {end}; "
             text += f"violation at most {worst}"
+            if found.problem:
+                text, problems = f"{text}; NOT USABLE: {found.problem}", True
         else:
             text = "no state was recorded"
         lines.append(f"  {name:<{width}}  {text}")
-    return lines
+    return lines, problems
 
 
+_STATE = "cylconn_ros/msg/ConnectorState"
 _CURVES = (
     ("slide", "displacement", 1.0, "m", False),
     ("spin", "rotation", 0.5 / math.pi, "turns", False),
@@ -165,9 +176,11 @@ def timeline(state: Mapping[str, Array], width: int) -> list[str]:
     """Draw the curves over time, one line per quantity that is not zero throughout."""
     blocks = _can_print(BLOCKS)
     width = min(max(width - 12 - _RANGE_WIDTH, 10), 60)
-    marks = ".█░" if blocks else ".#~"
-    named = [f"{marks[k]} {REGIMES[k]}" for k in range(3) if np.any(state["regime"] == k)]
-    lines = [f"regime      {regime_strip(state['regime'], marks, width)}  {', '.join(named)}"]
+    marks = ".█░!" if blocks else ".#~!"
+    names = (*REGIMES, "refused")
+    shown = np.where(np.asarray(state.get("status", 0)) == 0, state["regime"], len(REGIMES))
+    named = [f"{marks[k]} {names[k]}" for k in range(len(names)) if np.any(shown == k)]
+    lines = [f"regime      {regime_strip(shown, marks, width)}  {', '.join(named)}"]
     for name, field, factor, unit, log in _CURVES:
         values = np.asarray(state[field], dtype=np.float64) * factor
         values = np.abs(values) if log else values
@@ -191,6 +204,7 @@ def _can_print(text: str) -> bool:
 def describe(found: RunSummary) -> list[str]:
     """The summary of a run as lines of text."""
     shares = ", ".join(f"{name} {share:.1%}" for name, share in found.regimes.items())
+    shares = shares or "none: all samples were refused"
     lines = [
         f"samples     {found.samples} over {found.duration:.6g} s"
         + (f", {found.refused} refused" if found.refused else ""),
@@ -203,7 +217,12 @@ def describe(found: RunSummary) -> list[str]:
         f"violation   at most {found.worst_offset * 1e3:.2e} mm, "
         f"{found.worst_misalignment * 1e3:.2e} mrad; residual at most {found.worst_residual:.1e}"
     )
+    if found.greatest:
+        texts = (f"{name} {value:.6g} {GREATEST[name]}" for name, value in found.greatest.items())
+        lines.append(f"greatest    {', '.join(texts)}".replace("_", " "))
     if found.flags:
         flags = ", ".join(f"{name} {count}" for name, count in found.flags.items())
         lines.append(f"flags       {flags} (samples)")
+    if found.problem:
+        lines.append(f"NOT USABLE  {found.problem}")
     return lines

@@ -19,6 +19,7 @@ COMMANDS = {
     "info": "show the contents of a recorded run",
     "report": "write an HTML page of a recorded run: plots, friction disc, 3-D view, summary",
     "salvage": "recover the intact messages of a damaged run, or of one that was never closed",
+    "import": "make a scene from an MJCF or URDF model or an Abaqus deck",
     "identify": "estimate friction parameters from a recording of a joint",
     "laws": "check the laws of a connector step on random states, scenes or a recorded run",
     "bench": "measure speed and accuracy, also of peer solvers",
@@ -26,6 +27,8 @@ COMMANDS = {
 """Commands and their summaries. A command is the module of the same name in this package, with
 ``add_arguments(parser)`` and ``run(options) -> exit code``. The module's docstring is its help
 text. A last paragraph that starts with ``Next:`` follows the list of arguments."""
+
+_MODULES = {"import": "import_"}  # a word of the language cannot name a module
 
 USAGE_ERROR = 2
 
@@ -41,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=cylconn_ros.__version__)
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
-        module = importlib.import_module(f"cylconn_ros.cli.{name}")
+        module = importlib.import_module(f"cylconn_ros.cli.{_MODULES.get(name, name)}")
         description, _, following = (module.__doc__ or "").partition("\n\nNext: ")
         command = commands.add_parser(
             name,

@@ -1,5 +1,9 @@
 """Run a recording through the connector again, with the same or with other parameters.
 
+The wrench is computed for the recorded motion, which other parameters do not change. To see how the
+bodies would move, use --closed-loop: it starts from the first recorded state and simulates forward
+with the recorded loads and commands.
+
 BAG is a recorded run, or any rosbag2 directory, .mcap or .db3 file with suitable topics: poses and
 twists, or Odometry with --set input=odometry. The parameters are those of the recording, overridden
 by --params and then by each --set.
@@ -21,10 +25,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 import cylconn_ros
-from cylconn_ros.cli.checks import add_connector
+from cylconn_ros.cli import closed_loop, scenes
+from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording import connector_part
@@ -41,16 +44,17 @@ _SHOWN = 6  # fields per topic
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("bag", metavar="BAG", type=Path, help="recorded directory or file")
+    add_recording(parser, "bag", "BAG")
     add_connector(parser)
+    parser.add_argument(
+        "--closed-loop", action="store_true",
+        help="simulate forward from the first recorded state, and print what changes",
+    )  # fmt: skip
     parser.add_argument(
         "-o", "--output", metavar="NAME", type=Path, help="keep the run (new directory)"
     )
     parser.add_argument("--params", metavar="FILE", type=Path, help="parameter file (ROS 2 YAML)")
-    parser.add_argument(
-        "--set", metavar="NAME=VALUE", action="append", default=[],
-        help="one parameter, e.g. friction.coefficient=0.3; can be repeated",
-    )  # fmt: skip
+    scenes.add_set(parser)
     parser.add_argument(
         "--remap", metavar="INPUT:=TOPIC", action="append", default=[],
         help="recorded topic of an input, e.g. body_b/odom:=/robot/odom; can be repeated",
@@ -71,6 +75,8 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError(f"{bag.path}: holds several connectors, {known}: choose one with "
                            "--connector NAME")  # fmt: skip
     scene = _scene(bag, options)
+    if options.closed_loop:
+        return closed_loop.run(bag, scene, _scene(bag, options, changed=False), options)
     replay = Replay(bag, scene, _renamed(options.remap))
     if options.output is not None and options.output.exists():
         raise CommandError(f"{options.output} exists; a run is never overwritten")
@@ -88,11 +94,14 @@ def run(options: argparse.Namespace) -> int:
     if comparison is None and options.output is None:
         replay.pipeline.wanted = lambda _: False  # no output is used
     print(f"model       {replay.pipeline.connector.model}")
+    if options.set or (options.params is not None and "parameters" in bag.metadata):
+        print("replay      computes the wrench for the recorded motion, which stays the same; "
+              "--closed-loop lets the motion follow")  # fmt: skip
     start = time.perf_counter(), time.process_time()
     with Progress(f"replay {bag.path.name}") as progress:
         _process(replay, comparison, options.output, progress)
     _report(replay, time.perf_counter() - start[0], time.process_time() - start[1])
-    passed = not bag.damage and replay.counts.responses > 0
+    passed = not bag.damage and not replay.problem()
     if comparison is not None:
         passed &= _show(comparison.result(), options.tolerance)
     if options.output is not None:
@@ -157,27 +166,24 @@ def _compare(replay: Replay, batch: Batch, comparison: Comparison) -> None:
             comparison.replayed(topic, row.tobytes())
 
 
-def _scene(bag: Bag, options: argparse.Namespace) -> Scene:
-    """The scene of the recorded parameters, overridden by --params, then by each --set."""
+def _scene(bag: Bag, options: argparse.Namespace, changed: bool = True) -> Scene:
+    """The scene of the recorded parameters, overridden by --params, then by each --set.
+
+    ``changed`` False: the recorded parameters, or without those the ones of --params.
+    """
     parameters: dict[str, Any] = {}
     node = bag.metadata.get("node", "/connector")
     if "parameters" in bag.metadata:
         parameters.update(parameter_file.parameters_of(bag.metadata["parameters"]))
-    if options.params is not None:
+    if options.params is not None and (changed or not parameters):
         namespace, _, name = node.rpartition("/")
         parameters.update(
             parameter_file.scene_part(
                 parameter_file.load_parameters(options.params, name, namespace or "/")
             )
         )
-    for text in options.set:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise CommandError(f"--set {text}: must be NAME=VALUE")
-        try:
-            parameters[name.strip()] = parameter_file.parse(value)
-        except yaml.YAMLError as error:
-            raise CommandError(f"--set {text}: {error}") from None
+    if changed:
+        parameters.update(scenes.changed_parameters(options.set))
     if not parameters:
         raise CommandError(f"{bag.path}: no parameters were stored with it; give --params FILE")
     return Scene.from_parameters(parameters)
@@ -220,9 +226,12 @@ def _report(replay: Replay, seconds: float, cpu: float) -> None:
     if before != "0":
         print(f"LATE BEGIN  the recording began {before} samples after the run: what the connector "
               "knew from them, as the measured latency, is not known here")  # fmt: skip
-    if not counts.responses:
-        print("NO SAMPLE   no sample was complete: pose and twist need the same stamp "
-              "(stamp_tolerance)")  # fmt: skip
+    for topic, reason in replay.bag.source.left_out.items():
+        print(f"left out    {topic}: {reason}")
+    for text in replay.bag.source.notes:
+        print(f"note        {text}")
+    if problem := replay.problem():
+        print(f"NOT USABLE  {problem}")
 
 
 def _show(topics: list[Topic], tolerance: float) -> bool:

@@ -17,7 +17,7 @@ import datetime
 import math
 from pathlib import Path
 
-from cylconn_ros.cli.checks import add_connector
+from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.summary import FIELDS, Reduction, RunSummary
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.run import Run, read_run
@@ -31,7 +31,7 @@ _MOST_MISALIGNMENT = 0.1  # rad
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("recording", metavar="RUN", type=Path, help="recorded directory or file")
+    add_recording(parser, "recording", "RUN")
     add_connector(parser)
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="page to write (default RUN.html)"
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the page; 1 if the recording is incomplete or has undecodable states."""
     recorded = _read(options.recording, options.connector)
-    name = options.recording.resolve().with_suffix("").name
+    name = options.recording[0].resolve().with_suffix("").name
     output = options.output or Path(f"{name}.html")
     if output.suffix not in (".html", ".htm"):
         raise CommandError(f"{output}: the page must end in .html")
@@ -86,12 +86,13 @@ def _summary(found: gather.RunData) -> RunSummary:
     return reduction.result()
 
 
-def _read(path: Path, connector: str) -> Run:
+def _read(paths: list[Path], connector: str) -> Run:
     """Read a run; raises CommandError for a recording without states of a connector."""
-    advice = f"cylconn replay {path} -o RUN computes them from recorded inputs"
-    recorded = read_run(path, connector)
+    named = " ".join(map(str, paths))
+    advice = f"cylconn replay {named} -o RUN computes them from recorded inputs"
+    recorded = read_run(paths, connector)
     if "cylconn_ros/msg/ConnectorState" not in recorded.types.values():
-        raise CommandError(f"{path}: contains no states of a connector; {advice}")
+        raise CommandError(f"{recorded.path}: contains no states of a connector; {advice}")
     return recorded
 
 

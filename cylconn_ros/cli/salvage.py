@@ -1,6 +1,6 @@
 """Recover the intact messages of a damaged run, or of a run that was never closed.
 
-RUN is a recorded directory or an .mcap file; it is opened read-only. The recovered messages become
+RUN is a recorded directory or file; it is opened read-only. The recovered messages become
 a new, valid run with an index and metadata.yaml: RUN_salvaged, unless -o gives another name.
 
 For example: cylconn salvage runs/connector_1
@@ -29,5 +29,7 @@ def run(options: argparse.Namespace) -> int:
     saved = salvage(options.recording, options.output)
     print(f"{options.recording}: {saved.damage}")
     print(f"recovered {saved.messages} messages over {saved.seconds:.3f} s in {saved.directory}")
+    for topic, reason in saved.left_out.items():
+        print(f"left out  {topic}: {reason}")
     print(f"next: cylconn info {saved.directory}")
     return 0

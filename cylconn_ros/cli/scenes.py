@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from cylconn_ros.errors import CommandError
+from cylconn_ros.errors import CommandError, SceneError
+from cylconn_ros.scene.parameter_file import parse
 from cylconn_ros.scene.resources import shipped_scenes
 from cylconn_ros.scene.scene import Scene, load
 
@@ -38,12 +41,40 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_set(parser: argparse.ArgumentParser) -> None:
+    """Declare --set."""
+    parser.add_argument(
+        "--set", metavar="NAME=VALUE", action="append", default=[],
+        help="one parameter, e.g. friction.coefficient=0.3; can be repeated",
+    )  # fmt: skip
+
+
+def changed_parameters(texts: Sequence[str]) -> dict[str, Any]:
+    """Parameters by dotted name, from the values of --set; raises CommandError."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise CommandError(f"--set {text}: must be NAME=VALUE")
+        try:
+            found[name.strip()] = parse(value)
+        except SceneError as error:
+            raise CommandError(f"--set {text}: {error}") from None
+    return found
+
+
 def load_with_overrides(path: Path, options: argparse.Namespace) -> Scene:
     """Load a scene with the length and period of the command line.
 
     Raises SceneError for an unusable scene, CommandError if duration or period are missing.
     """
     scene = load(path)
+    changes = changed_parameters(getattr(options, "set", ()))
+    if changes:
+        try:
+            scene = scene.replace(changes)
+        except SceneError as error:
+            raise CommandError(f"--set: {error}") from None
     if options.period is not None:
         scene = dataclasses.replace(scene, period=options.period)
     if scene.period <= 0.0:

@@ -2,9 +2,10 @@
 
 SCENE is a parameter file or the name of a bundled scene (demo, coast, incline, …). The run includes
 its end: a run of 1 s ends with the state at 1 s. A bundled scene is compared with its exact or
-reference solution (docs/reference/scenes.md), unless --duration or --steps change its length. With
--o the run is kept: NAME.npz holds arrays, any other NAME becomes a recorded run (rosbag2) with the
-messages of the nodes.
+reference solution (docs/reference/scenes.md), unless --duration, --steps or --set change it. --set
+changes parameters; the changes of end, stop time and greatest forces are printed. With -o the run
+is kept: NAME.npz holds arrays, any other NAME becomes a recorded run (rosbag2) with the messages of
+the nodes.
 
 For example: cylconn simulate coast -o coast_run --plot coast.png
 
@@ -23,10 +24,10 @@ from typing import Any
 import numpy as np
 
 import cylconn_ros
-from cylconn_ros.cli import checks, scenes
+from cylconn_ros.cli import changes, checks, scenes
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.summary import summarise
+from cylconn_ros.cli.summary import RunSummary, summarise
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.methods.traits import TRAITS
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("scene", metavar="SCENE", help="parameter file, or name of a scene")
     scenes.add_overrides(parser)
+    scenes.add_set(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NAME", help="keep the run (new file)")
     parser.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the run: .png, .svg or .pdf"
@@ -65,10 +67,12 @@ def run(options: argparse.Namespace) -> int:
     print(
         f"energy      {result.energy[0]:.6g} J at the start, {result.energy[-1]:.6g} J at the end"
     )
-    changed = options.duration is not None or options.steps is not None
+    if options.set:
+        _show_changes(path, options, found)
+    changed = options.duration is not None or options.steps is not None or bool(options.set)
     passed = changed or _compare(path, result)
     if options.output is not None:
-        _keep(result, scene, options.output)
+        keep(result, scene, options.output)
         print(f"kept        {options.output}")
     if options.plot is not None:
         _draw(result, state, path.stem, found.stop_time, options.plot)
@@ -80,6 +84,16 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(f"next: cylconn info {options.output}")
     return 0 if passed and not found.refused else 1
+
+
+def _show_changes(path: Path, options: argparse.Namespace, found: RunSummary) -> None:
+    """Simulate the scene without --set, too, and print what changed."""
+    options = argparse.Namespace(**{**vars(options), "set": []})
+    with Progress(f"simulate {path.stem} unchanged") as bar:
+        bar.note("for comparison")
+        result = simulate(scenes.load_with_overrides(path, options), progress=bar)
+    before = summarise(result.time, fields(result))
+    print("\n".join(changes.table(("unchanged", "with --set"), before, found)))
 
 
 def _compare(path: Path, result: Run) -> bool:
@@ -105,7 +119,15 @@ def _compare(path: Path, result: Run) -> bool:
 
 def fields(result: Run) -> dict[str, np.ndarray]:
     """Fields of ConnectorState by name, one row per sample."""
-    state = {name: result[name] for name, _ in layout.STATE_FIELDS}
+    return columns(result.outs)
+
+
+def columns(outs: np.ndarray) -> dict[str, np.ndarray]:
+    """Fields of ConnectorState by name of outputs (n, NOUT)."""
+    state, at = {}, layout.STATE.start
+    for name, width in layout.STATE_FIELDS:
+        state[name] = outs[:, at] if width == 1 else outs[:, at : at + width]
+        at += width
     enums = {
         "regime": layout.REGIME,
         "stop": layout.STOP,
@@ -113,7 +135,7 @@ def fields(result: Run) -> dict[str, np.ndarray]:
         "status": layout.STATUS,
         "flags": layout.FLAGS,
     }
-    state.update({name: result.outs[:, at].astype(np.int64) for name, at in enums.items()})
+    state.update({name: outs[:, k].astype(np.int64) for name, k in enums.items()})
     return state
 
 
@@ -132,7 +154,8 @@ def _check_names(output: Path | None, plot: Path | None) -> None:
             raise CommandError(f"{output} exists; a run is never overwritten")
 
 
-def _keep(result: Run, scene: Scene, output: Path) -> None:
+def keep(result: Run, scene: Scene, output: Path) -> None:
+    """Keep a run as arrays (.npz) or as a recorded run."""
     metadata = {
         "version": cylconn_ros.__version__,
         "method": result.connector.method,

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.connector.enums import FLAGS, REGIMES
+from cylconn_ros.replay.usable import contradiction
 
 _STICK = 1
 _STOPPED = 128
@@ -31,10 +32,20 @@ class RunSummary:
     refused: int  # samples with a zero wrench (status not OK)
     regimes: dict[str, float]  # share of the samples in each regime that occurs, and refused
     flags: dict[str, int]  # samples with each flag that occurs, except "stopped"
+    greatest: dict[str, float]  # largest magnitude of the quantities in GREATEST
+    problem: str = ""  # why the run is worth nothing: all refused, or it left the joint
 
 
+GREATEST = {
+    "force": "N",
+    "moment": "N m",
+    "normal_force": "N",
+    "radial_force": "N",
+    "bending_moment": "N m",
+}
+"""Fields of ConnectorState whose largest magnitude a summary states, if it gets them; unit."""
 FIELDS = (
-    "regime", "flags", "displacement", "rotation", "stop_time", "offset_violation",
+    *GREATEST, "regime", "flags", "displacement", "rotation", "stop_time", "offset_violation",
     "angular_violation", "residual", "status",
 )  # fmt: skip
 """Fields of ConnectorState that a summary needs."""
@@ -62,11 +73,13 @@ class Reduction:
     def __init__(self) -> None:
         self._samples = self._refused = 0
         self._begin = self._end = self._stop = math.nan
-        self._moved = self._rest = math.nan  # last sample that does not stick, first one after it
         self._last: dict[str, float] = {}
         self._regimes = np.zeros(len(REGIMES), np.int64)
         self._flags = np.zeros(len(FLAGS), np.int64)
         self._worst = {"offset_violation": 0.0, "angular_violation": 0.0, "residual": 0.0}
+        self._greatest: dict[str, float] = {}
+        self._range = {name: [math.inf, -math.inf] for name in ("displacement", "rotation")}
+        self._rest = math.nan  # first sample of the stick that lasts until now
 
     def add(self, time: npt.NDArray[np.float64], state: Mapping[str, npt.NDArray[Any]]) -> None:
         """Add the next n > 0 states; arguments as for :func:`summarise`."""
@@ -75,22 +88,47 @@ class Reduction:
         self._end = float(time[-1])
         self._samples += len(time)
         regime, flags = np.asarray(state["regime"]), np.asarray(state["flags"]).astype(np.int64)
-        accepted = np.asarray(state["status"]) == 0  # a refused sample has no regime
-        self._regimes += [np.count_nonzero(accepted & (regime == k)) for k in range(len(REGIMES))]
+        solved = np.asarray(state["status"]) == 0  # a refused sample has no regime
+        self._regimes += [np.count_nonzero(regime[solved] == k) for k in range(len(REGIMES))]
         self._flags += [np.count_nonzero(flags & (1 << bit)) for bit in range(len(FLAGS))]
         self._refused += int(np.count_nonzero(state["status"]))
-        moving = np.flatnonzero(~accepted | (regime != _STICK))
-        after = int(moving[-1]) + 1 if len(moving) else 0
-        if len(moving):
-            self._moved, self._rest = float(time[moving[-1]]), math.nan
-        if math.isnan(self._rest) and after < len(time):
-            self._rest = float(time[after])
         self._last = {n: float(state[n][-1]) for n in ("displacement", "rotation", "regime")}
-        stops = np.flatnonzero(state["stop_time"] >= 0.0)
-        if len(stops):
-            self._stop = float(time[stops[-1]] + state["stop_time"][stops[-1]])
+        events = np.where(solved, state["stop_time"], -1.0)
+        self._add_rest(time, solved & (regime == _STICK), events)
+        for name, ends in self._range.items():
+            values = np.asarray(state[name])[solved]
+            if len(values):
+                ends[:] = min(ends[0], float(values.min())), max(ends[1], float(values.max()))
+        for name in GREATEST:
+            if name in state:
+                found = _largest(np.asarray(state[name]))
+                self._greatest[name] = float(np.maximum(self._greatest.get(name, 0.0), found))
         for name, worst in self._worst.items():
             self._worst[name] = float(np.maximum(worst, _largest(state[name])))
+
+    def _add_rest(
+        self,
+        time: npt.NDArray[np.float64],
+        stick: npt.NDArray[np.bool_],
+        events: npt.NDArray[np.float64],
+    ) -> None:
+        """Follow the last stick: its first sample, and the interpolated time of its begin."""
+        moving = np.flatnonzero(~stick)
+        if len(moving):
+            self._rest, self._stop = math.nan, math.nan
+        begin = int(moving[-1]) + 1 if len(moving) else 0
+        if math.isnan(self._rest) and begin < len(time):
+            self._rest = float(time[begin])
+        stops = np.flatnonzero(events[max(begin - 1, 0) :] >= 0.0) + max(begin - 1, 0)
+        if len(stops):
+            self._stop = float(time[stops[-1]] + events[stops[-1]])
+
+    def _problem(self) -> str:
+        if self._refused == self._samples:
+            return f"no sample could be used: all {self._samples} were refused"
+        slide, spin = (high - low for low, high in self._range.values())
+        worst = self._worst
+        return contradiction(slide, spin, worst["offset_violation"], worst["angular_violation"])
 
     def result(self) -> RunSummary:
         """Summary of all states added; needs at least one."""
@@ -112,15 +150,17 @@ class Reduction:
                 for bit, (name, count) in enumerate(zip(FLAGS, self._flags, strict=True))
                 if count and 1 << bit != _STOPPED
             },
+            greatest=self._greatest,
+            problem=self._problem(),
         )
 
     def _stop_time(self) -> float:
         """Begin of the last rest, s; NaN if the last sample does not stick.
 
-        The interpolated time of the step that comes to rest if the method gives it, else the first
-        sample of those that stick until the end.
+        Without such a step (a method that does not interpolate, or a run that is at rest from the
+        beginning), it is the first sample of the stick that lasts until the end.
         """
-        return self._stop if self._stop >= self._moved else self._rest
+        return self._rest if math.isnan(self._stop) else self._stop
 
 
 def _largest(values: npt.NDArray[Any]) -> float:

@@ -14,6 +14,7 @@ from cylconn_ros.connector.description import describe_model
 from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import COMPILED, close_signatures
+from cylconn_ros.core.latency import PROBE, PROBED_SAMPLES
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.dispatch import STEPS
 from cylconn_ros.methods.traits import LIVE, TRAITS
@@ -140,9 +141,37 @@ class Connector:
         return float(self._mem[model.MEASURED_LATENCY])
 
     @property
+    def measured_latency(self) -> float | None:
+        """Samples between a sample and the action of its wrench, as measured; None if unknown.
+
+        It is unknown until a change of the wrenches has been seen in the motion. With a declared
+        latency it is that of the last probe (:meth:`probe_latency`).
+        """
+        if not (self._mem[model.DELAYED] or self._mem[model.LOCK_STEP] > 0.0):
+            return None
+        return float(self._mem[model.MEASURED_LATENCY])
+
+    def probe_latency(self) -> None:
+        """Measure the latency beside a declared one over the next samples, if that is possible.
+
+        The measurement changes no output.
+        """
+        bodies = (self.scene.body_a.kind, self.scene.body_b.kind)
+        measurable = (
+            self.scene.latency >= 0
+            and "unknown" not in bodies
+            and self.scene.constraint == "connector"
+            and TRAITS[self.method].sends_wrench
+        )
+        if measurable and self._mem[model.LATENCY_PROBE] <= 0.0:
+            self._mem[model.DELAYED : model.LEAST_BALANCE] = 0.0
+            stored = self.scene.latency > 0  # the sent wrenches
+            self._mem[model.LATENCY_PROBE] = PROBED_SAMPLES if stored else PROBE
+
+    @property
     def latency_spread(self) -> float:
-        """Standard deviation of the measured latency, samples; 0 if the latency is given."""
-        return float(self._mem[model.LATENCY_SPREAD]) if self.scene.latency < 0 else 0.0
+        """Standard deviation of the measured latency, samples; 0 if it is unknown."""
+        return float(self._mem[model.LATENCY_SPREAD])
 
     @property
     def memory(self) -> Array:

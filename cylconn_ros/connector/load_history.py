@@ -32,8 +32,8 @@ from cylconn_ros.core.jit import device_function
 REGULAR_FROM: Final = 2
 MOST_MISSED: Final = 3
 PAUSE: Final = 32
-CAPACITY: Final = 64
-"""Loads of a body that can wait: more than a queue of 50 messages holds."""
+CAPACITY: Final = 1024
+"""Loads of a body that can wait: more than a queue of 1000 messages holds."""
 EARLY: Final = 1_000_000_000
 """Lead of a load's stamp over the last sample's that calls for a warning, ns."""
 NEVER: Final = -(1 << 62)

@@ -35,7 +35,7 @@ REORDERING = 10  # periods
 MIN_OLD_SAMPLES = 3
 MOST_WAITING = 2
 """Samples that wait for loads at the same time."""
-_MAX_PENDING = 64  # incomplete samples: more than a queue of 50 messages can hold
+_MAX_PENDING = 1024  # incomplete samples: more than a queue of 1000 messages can hold
 _MAX_OLD = 8  # incomplete samples older than the last complete one
 
 QUANTITIES = tuple(f"{body}/{quantity}" for body in BODIES for quantity in ("pose", "twist"))

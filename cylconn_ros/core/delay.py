@@ -28,9 +28,15 @@ def adapts_gains(par: Array) -> bool:
 
 
 @inline_function
-def may_be_delayed(par: Array) -> bool:
+def is_probed(mem: Array) -> bool:
+    """Whether a declared latency is being compared with the measured one."""
+    return mem[model.LATENCY_PROBE] > 0.0
+
+
+@inline_function
+def may_be_delayed(par: Array, mem: Array) -> bool:
     """Whether the sent wrenches are stored."""
-    return par[model.LATENCY] > 0.0 or is_measured(par)
+    return par[model.LATENCY] > 0.0 or is_measured(par) or is_probed(mem)
 
 
 @inline_function

@@ -8,16 +8,17 @@ that time. Until then the bodies move under wrenches that have already been sent
 
 Loads are held. A body of unknown inertia, and a driven body, keeps its twist.
 
-If the latency is not given, it is measured (core/latency_estimation.py). For this the motion since
-the last sample is simulated again under the wrenches that acted; its difference from the measured
-motion gives the mean wrench that the interval needed. The work is that of the wrenches that acted
-on the measured motion (core/passivity.py).
+If the latency is not given, it is measured (core/latency_estimation.py); a given one is compared
+with the measured one now and then, for PROBED_SAMPLES. For this the motion since the last sample is
+simulated again under the wrenches that acted; its difference from the measured motion gives the
+mean wrench that the interval needed. The work is that of the wrenches that acted on the measured
+motion (core/passivity.py).
 """
 
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.delay import is_delayed, is_measured, latency_of
+from cylconn_ros.core.delay import is_delayed, is_measured, is_probed, latency_of
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.latency_estimation import (
@@ -51,6 +52,8 @@ from cylconn_ros.core.vectors import (
 
 FORGETTING = 0.9  # factor on the variation of earlier periods
 VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in full
+PROBED_SAMPLES = 200  # in which a declared latency is compared with the measured one
+PROBE = PROBED_SAMPLES + SENT_PERIODS + 1  # with those before in which wrenches are stored
 _KEPT = 12 * (SENT_PERIODS - 1)
 
 
@@ -115,6 +118,9 @@ def _take_up(
 ) -> None:
     """Take up the motion since the last sample: its work, jumps, and the latency."""
     mem[model.CONTRADICTED] = 0.0
+    if mem[model.LATENCY_PROBE] == PROBE and not is_delayed(par, mem):
+        mem[model.LATENCY_PROBE] -= 1.0  # the stored sample is older than the last one
+        return
     if mem[model.HAS_REFERENCE] == 0.0:
         mem[model.JUMPED], mem[model.PERIOD_VARIATION], mem[model.LAST_INTERVAL] = 0.0, 1.0, 0.0
     elif mem[model.LAST_PERIOD] > 0.0:
@@ -131,6 +137,8 @@ def _take_up(
                 mem[model.LAST_PERIOD] = max(mem[model.LAST_PERIOD] + shift, 0.01 * h)
                 a = _replay(par, mem, current, body_a, 0, periods, dt)
                 b = _replay(par, mem, current, body_b, 1, periods, dt)
+        elif is_probed(mem):
+            _probe(mem, body_a, body_b, a, b, periods)
         if is_delayed(par, mem):
             add_work(mem, a.work)
             add_work(mem, b.work)
@@ -179,6 +187,19 @@ def _measure_latency(
     else:
         estimate(mem, resolution)
     mem[model.LAST_INTERVAL] = periods
+
+
+@inline_function
+def _probe(mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int) -> None:
+    """Measure the latency beside a declared one, on which it has no effect.
+
+    The first samples of a probe store the wrenches that are sent.
+    """
+    mem[model.LATENCY_PROBE] -= 1.0
+    if mem[model.LATENCY_PROBE] < PROBED_SAMPLES:
+        held = mem[model.STICK_SAMPLES]
+        _measure_latency(mem, body_a, body_b, a, b, periods)
+        mem[model.STICK_SAMPLES] = held
 
 
 @inline_function

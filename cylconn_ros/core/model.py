@@ -121,7 +121,9 @@ CONTRADICTED: Final = (
 CONTRADICTION: Final = CONTRADICTED + 1  # 2 x 3: of each body, the squares of its motions by poses
 #                             and by twists when these last differed, and their product, m^2
 FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_gain.py)
-NMEM: Final = FREE_GAIN + 24
+LATENCY_PROBE: Final = FREE_GAIN + 24  # samples for which a declared latency is still checked
+STAMP_PERIOD: Final = LATENCY_PROBE + 1  # s, the interval of CONTRADICTION
+NMEM: Final = STAMP_PERIOD + 1
 
 
 class Output(NamedTuple):

@@ -194,6 +194,7 @@ def check_twist(mem: Array, k: int, moved: Vector, before: Vector, after: Vector
         at = model.CONTRADICTION + 3 * k
         mem[at], mem[at + 1] = dot(moved, moved), dot(by_twist, by_twist)
         mem[at + 2] = dot(moved, by_twist)
+        mem[model.STAMP_PERIOD] = h
         mem[model.CONTRADICTED] = 1.0
 
 

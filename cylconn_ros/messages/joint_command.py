@@ -90,3 +90,9 @@ def read(message: JointState) -> dict[str, Imposition]:
             )
         impositions[name] = Imposition(position, velocity, force)
     return impositions
+
+
+def check_access(frozen: bool) -> None:
+    """Raise JointCommandError if parameter ``access.frozen`` is set."""
+    if frozen:
+        raise JointCommandError("access.frozen = true: commands are not followed")

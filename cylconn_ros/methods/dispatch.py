@@ -37,7 +37,7 @@ def begin(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     if status == layout.OK and not h > 0.0:
         status = layout.NO_PERIOD
     _clear(out, status)  # fields that a method does not write are zero
-    if may_be_delayed(par):
+    if may_be_delayed(par, mem):
         if status == layout.OK:
             predict_sample(par, mem, sample, h, out)
         if status == layout.OK and is_delayed(par, mem):
@@ -57,7 +57,7 @@ def finish(par: Array, mem: Array, sample: Array, h: float, flags: int, out: Arr
     mem[model.LAST_PERIOD] = h
     if is_delayed(par, mem):
         write_measured(par, mem, sample, h * latency_of(par, mem), out)
-    if may_be_delayed(par):
+    if may_be_delayed(par, mem):
         store_sent_wrenches(mem, True)
     for k in range(layout.REGIME):
         if not math.isfinite(out[k]):

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-from mcap.records import Channel
-
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording.mcap.reader import McapReader
+from cylconn_ros.recording.files.source import Source, TopicFacts
 from cylconn_ros.recording.message_definitions import Interface
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.run import read_run
+from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.writer import RunWriter
-
-_READ_AHEAD = 1 << 20
+from cylconn_ros.scene import limited_yaml
 
 
 @dataclass(frozen=True)
@@ -27,13 +23,14 @@ class Salvaged:
     messages: int
     seconds: float  # from the first to the last message, by log time
     damage: str  # description of the damage of the source
+    left_out: dict[str, str]  # why a topic is not in the new run, by its name
 
 
 def salvage(source: Path, target: Path | None = None) -> Salvaged:
     """Write the readable messages of ``source`` to a new run.
 
     Args:
-        source: a recorded directory, with or without metadata.yaml, or an .mcap file.
+        source: a recorded directory, with or without metadata.yaml, or a file.
         target: the new directory; default: beside the source, its name with ``_salvaged``.
 
     Raises
@@ -41,72 +38,56 @@ def salvage(source: Path, target: Path | None = None) -> Salvaged:
         RecordingError: there is no recording, it is complete, it has no readable message, or the
             new run cannot be written.
     """
-    if _is_complete(source):
+    source = Path(source)
+    opened = Source(source)
+    # metadata.yaml is written last: a directory without it was not closed.
+    closed = source.is_file() or (source / "metadata.yaml").exists()
+    incomplete = Run(opened).incomplete or ("" if closed else "it was never closed")
+    if not incomplete:
         raise RecordingError(f"{source}: is complete: nothing to salvage")
-    file = _file(source)
+    known = {topic: facts for topic, facts in opened.channels.items() if facts.definition}
+    count = sum(facts.extent.count for facts in known.values())
+    if not count:
+        raise RecordingError(
+            f"{opened.file}: contains no readable message: {opened.damage or 'it is empty'}"
+        )
     run = source if source.is_dir() else source.with_suffix("")
     target = target or run.with_name(f"{run.name}_salvaged")
-    try:
-        size = file.stat().st_size
-        with file.open("rb", buffering=_READ_AHEAD) as stream:
-            first_pass = McapReader(stream, size)  # collects all topics
-            count = sum(1 for _ in first_pass.messages())
-            if not count:
-                raise RecordingError(
-                    f"{file}: contains no readable message: {first_pass.damage or 'it is empty'}"
-                )
-        with file.open("rb", buffering=_READ_AHEAD) as stream:
-            return _write(McapReader(stream, size), first_pass, target, file)
-    except OSError as error:
-        raise RecordingError(f"{file}: {error.strerror or error}") from error
+    return _write(opened, known, target)
 
 
-def _write(reader: McapReader, known: McapReader, target: Path, file: Path) -> Salvaged:
-    topics, interfaces = _topics(known)
+def _write(source: Source, known: dict[str, TopicFacts], target: Path) -> Salvaged:
+    damage = source.damage or source.incomplete or "it was never closed"
+    topics = [TopicInfo(topic, each.type, **_qos(each.qos)) for topic, each in known.items()]
+    interfaces = {
+        each.type: Interface(each.type, each.definition, each.type_hash) for each in known.values()
+    }
+    left_out = {
+        **source.left_out,
+        **{t: f"{f.type} is not defined" for t, f in source.channels.items() if t not in known},
+    }
+    metadata = {**source.metadata, "salvaged": f"from {source.file.name}: {damage}"}
+    metadata.pop("incomplete", None)
+    numbers = {number: topic for topic, facts in known.items() for number in facts.numbers}
     start, end, count = 1 << 64, 0, 0
-    metadata = {**known.metadata, "salvaged": f"from {file.name}: {known.damage or 'never closed'}"}
-    with RunWriter(target, list(topics.values()), metadata, interfaces=interfaces) as writer:
-        for message in reader.messages():
-            topic = topics[message.channel].name
-            writer.write(topic, message.data, message.log_time, message.publish_time)
-            start, end = min(start, message.log_time), max(end, message.log_time)
-            count += 1
-    return Salvaged(target, count, (end - start) * 1e-9, known.damage or "it was never closed")
+    with RunWriter(target, topics, metadata, interfaces=interfaces) as writer:
+        for block in source.blocks():
+            for message in block.messages():
+                topic = numbers.get(message.channel)
+                if topic is None:
+                    continue
+                writer.write(topic, message.data, message.log_time, message.publish_time)
+                start, end = min(start, message.log_time), max(end, message.log_time)
+                count += 1
+    return Salvaged(target, count, (end - start) * 1e-9, damage, left_out)
 
 
-def _topics(known: McapReader) -> tuple[dict[int, TopicInfo], dict[str, Interface]]:
-    topics, interfaces = {}, {}
-    for channel in known.channels.values():
-        schema = known.schemas.get(channel.schema_id)
-        if schema is None:
-            raise RecordingError(f"{channel.topic}: the recording does not define its message type")
-        topics[channel.id] = TopicInfo(channel.topic, schema.name, **_qos(channel))
-        interfaces[schema.name] = Interface(
-            schema.name, schema.data.decode(), channel.metadata.get("topic_type_hash", "")
-        )
-    return topics, interfaces
-
-
-def _qos(channel: Channel) -> dict[str, Any]:
+def _qos(stored: str) -> dict[str, Any]:
+    """Return the QoS of a topic as of TopicInfo, as far as it is stored in that form."""
+    rules: dict[str, type] = {"reliability": str, "durability": str, "history": str, "depth": int}
     try:
-        profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", ""))
-        names = ("reliability", "durability", "history", "depth")
-        return {name: profiles[0][name] for name in names}
-    except (yaml.YAMLError, LookupError, TypeError):
+        profile = limited_yaml.load(stored)[0]
+        return {name: profile[name] for name, kind in rules.items()
+                if isinstance(profile[name], kind)}  # fmt: skip
+    except (ValueError, LookupError, TypeError):
         return {}
-
-
-def _is_complete(source: Path) -> bool:
-    try:
-        return read_run(source).incomplete is None
-    except RecordingError:
-        return False
-
-
-def _file(source: Path) -> Path:
-    if source.is_dir():
-        files = sorted(source.glob("*.mcap"))
-        if len(files) != 1:
-            raise RecordingError(f"{source}: expected one .mcap file, found {len(files)}")
-        return files[0]
-    return source

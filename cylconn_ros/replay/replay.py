@@ -13,15 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.sqlite import Topics
 from cylconn_ros.replay.batches import Batch, Batches
+from cylconn_ros.replay.usable import MotionCheck
 from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
 from cylconn_ros.scene.scene import Scene
 
@@ -62,7 +64,7 @@ class Replay:
         names, outputs: resolved topic and type of every output, by its relative name.
         input_topics: recorded topics that are inputs.
         timing: by topic, the bytes that differ in every run.
-        counts: numbers of messages so far.
+        counts: numbers of messages so far. motion: outputs of the samples so far.
 
     Raises RecordingError if the recording lacks an input that every sample needs, and SceneError if
     the connector cannot serve the scene.
@@ -78,7 +80,7 @@ class Replay:
         self.outputs = dict(OUTPUTS)
         self.input_topics = frozenset(self.inputs.values())
         self.timing = {self.names[STATE_TOPIC]: self.pipeline.output.timing}
-        self.counts = Counts()
+        self.counts, self.motion = Counts(), MotionCheck()
         self._output_topics = set(self.names.values())
         self._receive: dict[str, Callable[[bytes], Response | None]] = {}
         wrenches = {self.names[n] for n, kind in OUTPUTS if kind == WRENCH}
@@ -162,6 +164,7 @@ class Replay:
         """Yield the outputs of a sample, and of those that are complete after it."""
         while response is not None:
             self.counts.responses += 1
+            self.motion.add(self.pipeline.out[np.newaxis])
             for (name, _), message in zip(OUTPUTS, response[1:], strict=True):
                 if message is not None:
                     yield Item(self.names[name], log_time, message, True)
@@ -200,6 +203,7 @@ class Replay:
             else:
                 counts.other += number
         counts.responses += len(batch)
+        self.motion.add(batch.outs)
 
     def _flush(self, log_time: int) -> Iterator[Item]:
         """Yield the outputs of samples that wait for loads, and count incomplete samples."""
@@ -213,6 +217,18 @@ class Replay:
         kinds = {topic: self.pipeline.inputs[name].type for name, topic in self.inputs.items()}
         kinds |= {self.names[name]: kind for name, kind in OUTPUTS}
         return [TopicInfo(topic, kind) for topic, kind in kinds.items()]
+
+    def problem(self) -> str:
+        """Return why nothing of the recording is of use; '' if something is."""
+        counts = self.pipeline.matcher.counts
+        if not self.counts.responses:
+            return "no sample was complete: pose and twist need the same stamp (stamp_tolerance)"
+        if counts.duplicate_samples and self.counts.responses - counts.duplicate_samples <= 1:
+            return (
+                f"all stamps are equal: 1 sample was used, {counts.duplicate_samples} repeat its "
+                "stamp"
+            )
+        return self.motion.problem()
 
     def irregularities(self) -> list[str]:
         """Texts about irregular messages and samples, e.g. ``duplicates: 3 samples, 6 messages``.
@@ -241,8 +257,11 @@ class Replay:
             "far ahead of the samples": {"loads": counts.early_loads},
             "incomplete": {"samples": counts.incomplete},
             "stamps went back": {"restarts": counts.restarts},
-            "unknown frame_id": {"messages": counts.unknown_frames},
         }  # fmt: skip
+        seen = self.pipeline.matcher.unknown_frame
+        if seen is not None:
+            text = unknown_frame_text(self.scene, seen)
+            kinds[text] = {"messages": counts.unknown_frames}
         return [
             f"{text}: " + ", ".join(f"{number} {of}" for of, number in found.items() if number)
             for text, found in kinds.items()

@@ -41,6 +41,12 @@ class _Source:
     text: str
 
 
+def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Arguments of the executable, and those of ROS with the words --ros-args and --."""
+    own, ros = _split(arguments)
+    return own, ["--ros-args", *ros] if ros else []
+
+
 def read_arguments(arguments: Sequence[str], node: str) -> Arguments:
     """Read the arguments (without the program's name) of the executable of ``node``.
 

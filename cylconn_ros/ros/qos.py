@@ -17,16 +17,20 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 DEPTH = 50
+"""Messages that a publisher keeps."""
+INPUT_DEPTH = 1000
+"""Messages that wait at an input: `ros2 bag play` publishes in bursts of more than 50 at 1 kHz, and
+1000 hold what arrives in 50 ms at 20 kHz. The queue grows with the messages in it."""
 
 
-def samples(reliability: str = "reliable") -> QoSProfile:
-    """Keep last 50, volatile, and reliable: no loss at several thousand samples per second.
+def samples(reliability: str = "reliable", depth: int = DEPTH) -> QoSProfile:
+    """Keep last, volatile, and reliable: no loss at several thousand samples per second.
 
     ``reliability``: "reliable", or "best_effort" for subscriptions to publishers of either kind.
     """
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=DEPTH,
+        depth=depth,
         reliability=ReliabilityPolicy[reliability.upper()],
     )
 

@@ -25,7 +25,7 @@ from cylconn_ros.scene.behaviour import (
 )
 from cylconn_ros.scene.bodies import Body, Node, PlantSettings, Reference
 from cylconn_ros.scene.inputs import MODES
-from cylconn_ros.scene.outputs import Limits, QualityOfService, Record, Wrench
+from cylconn_ros.scene.outputs import Access, Limits, QualityOfService, Record, Wrench
 from cylconn_ros.scene.schema import Parameter, Value, describe, group, parameter
 
 
@@ -47,6 +47,7 @@ class SceneFields:
     period: float = parameter(
         0.001,
         ge=0.0,
+        le=1e6,
         unit="s",
         restarts=True,
         shared="coupled",
@@ -149,6 +150,7 @@ class SceneFields:
     limits: Limits = group(Limits)
     qos: QualityOfService = group(QualityOfService)
     record: Record = group(Record)
+    access: Access = group(Access)
     markers: bool = parameter(
         False, read_only=True, doc="Publish ~/markers: shaft, sleeve and force, for RViz."
     )

@@ -73,6 +73,24 @@ class QualityOfService:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Access:
+    """What other nodes may change.
+
+    Example::
+
+        scene = scene.replace({"access.frozen": True})
+    """
+
+    frozen: bool = parameter(
+        False,
+        read_only=True,
+        node=True,
+        doc="Refuse changes of parameters, commands, and the services for recordings and reset, "
+        "from the first activation on.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Record:
     """Recording of a run.
 

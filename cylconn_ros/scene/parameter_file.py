@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from cylconn_ros.errors import SceneError
-from cylconn_ros.scene import multiple
+from cylconn_ros.scene import limited_yaml, multiple
 from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import flatten
 
@@ -29,9 +29,10 @@ def load_parameters(path: str | Path, node: str, namespace: str = "/") -> dict[s
     Raises :class:`SceneError`; :class:`OtherNodesError` if all blocks name other nodes.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from None
+        text = limited_yaml.read_text(Path(path))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(f"{path}: cannot be read: {reason}") from None
     try:
         document = parse(text)
         if document is None:
@@ -95,11 +96,9 @@ def parse(text: str) -> Any:
     Raises :class:`SceneError`.
     """
     try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}: " if mark is not None else ""
-        raise SceneError(f"{where}{getattr(error, 'problem', None) or error}") from None
+        return limited_yaml.load(text, _Loader)
+    except ValueError as error:
+        raise SceneError(str(error)) from None
 
 
 def _blocks(tree: Mapping[Any, Any], prefix: str) -> Sequence[tuple[str, Mapping[str, Any]]]:
@@ -132,8 +131,8 @@ def _matches(pattern: str, full_name: str) -> bool:
     return re.fullmatch(expression, full_name) is not None
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader with the numbers of YAML 1.2 and ROS 2; no name twice."""
+class _Loader(limited_yaml.Loader):
+    """The loader with the numbers of YAML 1.2 and ROS 2; no name twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         names: set[Any] = set()

@@ -181,9 +181,23 @@ def _take(cls: type, name: str, prefix: str, values: Mapping[str, Any]) -> Any:
     return values[prefix + name]
 
 
+_SYMBOLS = {
+    "mu": "friction.coefficient",
+    "mu_s": "friction.static_coefficient",
+    "R": "friction.radius",
+    "L": "friction.overlap",
+    "FCint": "friction.preload",
+}
+"""Parameters by their symbols in equations."""
+
+
 def _unknown(name: str, value: object, table: Mapping[str, Parameter]) -> str:
     parts = {known.rsplit(".", level)[0] for known in table for level in (0, 1, 2)}
-    near = difflib.get_close_matches(name, sorted(parts), n=1)
+    leaf = name.rpartition(".")[2]
+    same = [known for known in table if known.rpartition(".")[2] == leaf]
+    near = [_SYMBOLS[leaf]] if leaf in _SYMBOLS else []
+    near = near or difflib.get_close_matches(name, same, n=1, cutoff=0.0)
+    near = near or difflib.get_close_matches(name, sorted(parts), n=1)
     below = [known for known in table if known.startswith(name + ".")]
     text = f"{name} = {show(value)}: no such parameter"
     if below:

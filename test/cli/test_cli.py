@@ -101,8 +101,8 @@ def test_version_and_no_command(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["simulate", "nowhere"], "nowhere is neither a file nor a bundled scene"),
         (["info", "nowhere"], "nowhere: No such file or directory"),
-        (["info", __file__], "test_cli.py: is not a recording (an MCAP file, or a directory"),
-        (["info", "/dev/null"], "/dev/null: is not a recording"),
+        (["info", __file__], "test_cli.py: is not a recording (a directory with metadata.yaml"),
+        (["info", "/dev/null"], "/dev/null: is not a regular file"),
         (["simulate", "demo", "--output", "run.txt.gz"], "run.txt.gz"),
         (["demo", "--output", "/proc/nope/here"], "/proc/nope/here"),
     ],
@@ -255,8 +255,8 @@ def test_info_reports_an_incomplete_run(tmp_path: Path, capsys: pytest.CaptureFi
 def test_info_reports_empty_and_undecodable_topics(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call("info", str(record(tmp_path / "empty", count=0))) == 0
-    assert "no state was recorded" in capsys.readouterr().out
+    assert call("info", str(record(tmp_path / "empty", count=0))) == 1  # nothing usable
+    assert "NO MESSAGE" in capsys.readouterr().out
     with RunWriter(tmp_path / "damaged", [STATE], {}) as writer:
         writer.write(STATE.name, b"\x00\x01\x00\x00garbage", 1, 1)
     assert call("info", str(tmp_path / "damaged")) == 1

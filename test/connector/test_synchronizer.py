@@ -180,14 +180,14 @@ def test_reset_forgets_stamps_and_incomplete_samples():
 
 def test_memory_is_bounded_and_dropped_samples_are_counted():
     m = matcher()
-    for k in range(1000):
+    for k in range(2000):
         m.pose(1, k * MS, "world", POSE)
-    assert counted(m, incomplete=1000 - 64)
-    assert m.twist(1, 999 * MS, "world", TWIST).stamp == 999 * MS
-    assert m.counts.incomplete == 999
+    assert counted(m, incomplete=2000 - 1024)
+    assert m.twist(1, 1999 * MS, "world", TWIST).stamp == 1999 * MS
+    assert m.counts.incomplete == 1999
     for k in range(900):
         m.pose(1, k, "world", POSE)
-    assert counted(m, samples=1, incomplete=999, late=900)
+    assert counted(m, samples=1, incomplete=1999, late=900)
 
 
 def test_stamps_within_the_tolerance_are_one_sample():
@@ -318,5 +318,5 @@ def test_every_message_is_part_of_a_sample_or_counted(arrivals):
     incomplete = sum(slot.received.bit_count() for slot in m._pending.values())
     dropped = len(arrivals) - 4 * c.samples - c.duplicate_messages - c.late - incomplete
     assert c.incomplete <= dropped <= 3 * c.incomplete
-    assert len(m._pending) <= 64
+    assert len(m._pending) <= 1024
     assert len(m._old) <= 8

@@ -40,7 +40,7 @@ def test_commands_on_the_bag_state_what_it_lacks(
     code, out, _ = call(capsys, "info", bag / "bag")
     assert code == 0
     assert "nav_msgs/msg/Odometry" in out
-    assert "states cannot be read" in out
+    assert "no state was recorded" in out
     for command, advice in (
         ("report", "-o RUN computes them from recorded inputs"),
         ("replay", "give --params FILE"),

@@ -23,15 +23,16 @@ from cylconn_ros.recording.writer import RunWriter
 def test_unfinished_and_other_directories_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="No such file"):
         read_run(tmp_path / "nothing")
-    with pytest.raises(RecordingError, match="never closed"):
+    with pytest.raises(RecordingError, match="not a recording"):
         read_run(tmp_path)
     (tmp_path / "metadata.yaml").write_text("just: this")
-    with pytest.raises(RecordingError, match="not metadata of a recorded run"):
+    with pytest.raises(RecordingError, match="not metadata of a recording"):
         read_run(tmp_path)
     writer = RunWriter(tmp_path / "open", TOPICS, METADATA)
-    with pytest.raises(RecordingError):
-        read_run(writer.directory / "open_0.mcap")
+    run = read_run(writer.directory / "open_0.mcap")
+    assert "never finished" in str(run.incomplete)
     writer.close()
+    assert read_run(writer.directory).incomplete is None
 
 
 def everything(run: Run) -> dict[str, list[tuple[int, int, bytes]]]:

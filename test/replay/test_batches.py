@@ -27,9 +27,9 @@ from cylconn_ros.messages.cdr_encoder import JointStateWriter, OdometryWriter, S
 from cylconn_ros.messages.pipeline import OUTPUTS
 from cylconn_ros.messages.prefix_decoder import PrefixDecoder
 from cylconn_ros.recording.bag import Bag, Message
+from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap import kernels, message_block
 from cylconn_ros.recording.mcap.message_block import MessageBlock, RawMessage
-from cylconn_ros.recording.sqlite import Topics
 from cylconn_ros.replay import batches
 from cylconn_ros.replay.batches import Batch
 from cylconn_ros.replay.replay import Item, Replay

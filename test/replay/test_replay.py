@@ -218,7 +218,7 @@ def test_damaged_bags_are_replayed_as_far_as_readable(
 
 def test_errors_name_the_missing_input(recorded: Path, command: Command, tmp_path: Path) -> None:
     for arguments, text in (
-        ((tmp_path / "none",), "no such file or directory"),
+        ((tmp_path / "none",), "No such file or directory"),
         ((tmp_path,), "not a recording"),
         ((recorded, "--set", "input=odometry"), "lacks body_b/odom (nav_msgs/msg/Odometry"),
         ((recorded, "--remap", "odom:=/x"), "odom: is no input of this scene; its inputs are"),
@@ -230,7 +230,7 @@ def test_errors_name_the_missing_input(recorded: Path, command: Command, tmp_pat
         assert text in err
 
 
-def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None:
+def test_topics_of_two_types_are_left_out(recorded: Path, tmp_path: Path) -> None:
     both = tmp_path / "both"
     both.mkdir()
     (both / "0.mcap").write_bytes(next(recorded.glob("*.mcap")).read_bytes())
@@ -241,8 +241,11 @@ def test_topics_of_two_types_are_refused(recorded: Path, tmp_path: Path) -> None
             "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INT, timestamp INT, data BLOB)"
         )
     database.close()
-    with pytest.raises(RecordingError, match="only one type per topic"):
-        Bag(both)
+    bag = Bag(both)
+    assert "/body_b/pose" not in bag.types
+    assert "std_msgs/msg/String" in bag.source.left_out["/body_b/pose"]
+    with pytest.raises(RecordingError, match="lacks body_b/pose"):
+        Replay(bag, bundled("demo"))
 
 
 def long_bag(path: Path, count: int) -> Path:

@@ -250,7 +250,8 @@ def test_problems_of_the_samples_are_noted(run: Run, monkeypatch: pytest.MonkeyP
     columns["header.stamp.nanosec"] = nanosec[keep]
     columns["normal_force"][60] = np.nan
     table = type(state)(state.topic, state.type, keep, keep, columns, 3)
-    broken = Run(run.path, run.metadata, {}, "the end is missing")
+    broken = Run(run.source, run.metadata, {})
+    broken.incomplete = "the end is missing"
     broken.types = {state.topic: state.type}
     monkeypatch.setattr(broken, "read_blocks", lambda *_, fields=None: iter([table]))
     found = gather.gather(broken)

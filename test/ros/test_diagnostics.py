@@ -241,11 +241,11 @@ def test_a_message_that_cannot_be_decoded_is_named():
 
 
 class MeasuredLatency:
-    """A connector whose latency is measured."""
+    """A connector whose latency is measured, beside a declared one if that is not -1."""
 
-    def __init__(self, latency, spread):
-        self.latency, self.latency_spread = latency, spread
-        self.scene = make(latency=-1, period=0.002)
+    def __init__(self, latency, spread, declared=-1):
+        self.measured_latency, self.latency_spread = latency, spread
+        self.scene = make(latency=declared, period=0.002)
 
 
 @pytest.mark.parametrize(
@@ -266,6 +266,49 @@ def test_the_measured_latency_is_reported_with_the_remedy(latency, spread, befor
     else:
         assert [problem.level for problem in found] == [expected[0]]
         assert found[0].text.startswith(f"wrenches act {expected[1]}")
+
+
+@pytest.mark.parametrize(
+    ("declared", "latency", "before", "remedy"),
+    [
+        (1, 0.0, 0.0, "act 0.0 samples (0.0 ms) after their sample: set latency: 0"),
+        (1, 2.5, 2.5, "act 2.5 samples (5.0 ms) after their sample: set latency: -1, which"),
+        (0, 3.0, 3.0, "act 3.0 samples (6.0 ms) after their sample: set latency: 3"),
+        (1, 1.05, 1.0, None),
+        (1, 2.5, None, None),
+        (1, None, None, None),
+    ],
+)
+def test_a_declared_latency_that_is_refuted_is_reported_with_both(
+    declared, latency, before, remedy
+):
+    connector: Any = MeasuredLatency(latency, 0.0, declared)
+    found = list(latency_problem(connector, before))
+    assert len(found) == (remedy is not None)
+    if remedy is not None:
+        assert found[0].level == WARN
+        text = f"latency: {declared} is declared, but wrenches {remedy}"
+        assert found[0].text.startswith(text)
+
+
+def test_a_latency_that_is_not_measured_is_unknown():
+    parts, _ = report(fixed_shaft(latency=-1), Monitor("c"))
+    values = {pair.key: pair.value for pair in parts["solution"].values}
+    assert values["measured latency [samples]"] == "unknown"
+    assert values["spread of the latency [samples]"] == "unknown"
+
+
+@pytest.mark.parametrize("latency", [0, -1])
+def test_uneven_stamps_of_an_even_motion_are_named(latency):
+    """The wall clock gives stamps 8 or 12 ms apart; the body moves by the period of 10 ms."""
+    pipeline, monitor = fixed_shaft(latency=latency), Monitor("c")
+    stamp = 0
+    for k in range(1, 30):
+        stamp += (6 if k % 2 else 14) * MS
+        send(pipeline, stamp, 1.0, 0.01 * k)
+    parts, _ = report(pipeline, monitor)
+    assert "stamps are 40 % off the period" in parts["solution"].message
+    assert "does not match" not in parts["solution"].message
 
 
 def test_incompatible_qos_names_policy_and_remedy():

@@ -81,7 +81,9 @@ def test_bad_input_never_becomes_a_wrench(connector, peer):
         source.publishers[1].publish(b"")  # the middleware does not deliver it
         wrench = listener.exchange(source, 5 * MS)
         assert wrench_of(wrench)[2] == pytest.approx(WEIGHT)  # the node continues
-        values = listener.wait_for_status("topics", "/body_b/twist: messages were lost (1 so far")
+        values = listener.wait_for_status(
+            "topics", "/body_b/twist: messages were dropped (1 so far"
+        )
         assert values["dropped messages"] == "1"
         values = listener.wait_for_status("samples", "samples/s")
         assert (values["non-finite"], values["bad quaternion"]) == ("2", "1")

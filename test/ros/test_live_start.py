@@ -65,7 +65,8 @@ def test_installed_program_refuses_invalid_parameters_and_prints_help(
     command = installed(installed_prefix, name)
     with program([*command, *parameters("period:=-1")], tmp_path) as running:
         assert running.wait() == 2
-        assert running.output == f"{name}: period = -1: must be a number >= 0 s, finite"
+        rule = "must be a number >= 0 s and <= 1e+06 s, finite"
+        assert running.output == f"{name}: period = -1: {rule}"
     with program([*command, "--help"], tmp_path) as running:
         assert running.wait() == 0
         assert running.output.startswith(f"usage: {name} ")

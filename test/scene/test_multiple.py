@@ -61,7 +61,7 @@ def test_what_is_written_is_read_again():
         ({"connectors": ["friction"]}, "'friction' is the name of a parameter"),
         ({"front": 3}, "front = 3: must be a block with the parameters of this connector"),
         ({"front": {"record": {"enabled": True}}}, "give record.enabled outside the block front"),
-        ({"front": {"period": -1}}, "front.period = -1: must be a number >= 0 s, finite"),
+        ({"front": {"period": -1}}, "front.period = -1: must be a number >= 0 s and <= 1e+06 s"),
         ({"rear": {"friction": {"coefficient": 0.3}}}, "rear.friction.radius"),
         ({"side": {"period": 0.1}}, "side.period = 0.1: no such parameter"),
     ],

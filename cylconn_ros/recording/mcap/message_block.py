@@ -111,6 +111,30 @@ def concatenate(blocks: Sequence[MessageBlock]) -> MessageBlock:
     )
 
 
+def select(block: MessageBlock, which: Integers) -> MessageBlock:
+    """Return messages ``which`` (k,) of a block, in this order, with their bytes copied."""
+    starts, sizes = block.start[which], block.size[which]
+    raw = b"".join(
+        block.raw[at : at + size] for at, size in zip(starts.tolist(), sizes.tolist(), strict=True)
+    )
+    return MessageBlock(
+        raw,
+        block.channel[which],
+        block.log_time[which],
+        block.publish_time[which],
+        np.cumsum(sizes) - sizes,
+        sizes,
+    )
+
+
+def by_time(block: MessageBlock) -> MessageBlock:
+    """Return the messages of a block in order of log time; equal times keep their order."""
+    times = block.log_time
+    if len(times) < 2 or bool((times[1:] >= times[:-1]).all()):
+        return block
+    return select(block, np.argsort(times, kind="stable"))
+
+
 def from_chunk(raw: bytes) -> tuple[MessageBlock, list[tuple[int, int]]]:
     """Index an uncompressed chunk: its messages, and begin and end of its other records.
 

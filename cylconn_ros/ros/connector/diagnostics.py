@@ -19,6 +19,7 @@ from cylconn_ros.ros.connector.problems import (
     WARN,
     Problem,
     latency_problem,
+    latency_values,
     sample_problems,
     solution_problems,
     timeout_text,
@@ -60,7 +61,7 @@ class Monitor:
         self._before: dict[str, int] = {}
         self._logged: dict[str, float] = {}  # when a problem was last present (s), by part and key
         self._unlogged: list[tuple[int, str]] = []
-        self._latency = 0.0  # samples, at the last report
+        self._latency: float | None = None  # samples, at the last report, None: unknown
         self._time = time.monotonic()
 
     def report(
@@ -162,8 +163,7 @@ class Monitor:
             "method": connector.method,
             "model": connector.model,
             "regime": regime,
-            "latency [samples]": f"{connector.latency:.2f}",
-            "spread of the latency [samples]": f"{connector.latency_spread:.2f}",
+            **latency_values(connector),
             "saturated": health.saturated,
             "worst residual": f"{health.worst_residual:.3g}",
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
@@ -174,11 +174,13 @@ class Monitor:
             "locked": locked or "none",
             **{f"imposed on {name}": what for name, what in pipeline.imposed.items()},
         }
-        latency_before, self._latency = self._latency, connector.latency
+        latency_before, self._latency = self._latency, connector.measured_latency
+        uneven = self._is_new("off period of the solution", health.off_period)
         problems = [
-            *solution_problems(connector, health, self._is_new),
+            *solution_problems(connector, health, self._is_new, uneven),
             *latency_problem(connector, latency_before),
         ]
+        connector.probe_latency()
         return self._encode("solution", problems, fine, values)
 
     def _topics(self, pipeline: MessagePipeline | None, status: ConnectionStatus) -> EncodedStatus:
@@ -207,8 +209,9 @@ class Monitor:
         for topic, lost in status.lost.items():
             if self._is_new(f"dropped {topic}", lost):
                 text = (
-                    f"{topic}: messages were lost ({lost} so far, expected none): a queue "
-                    "overflowed, the publisher is best effort, or they had no content"
+                    f"{topic}: messages were dropped ({lost} so far, expected none; the sequence "
+                    "numbers have gaps): publish reliable and slower, or let more messages wait "
+                    f"with qos_overrides.{topic}.subscription.depth and publisher.depth"
                 )
                 yield Problem(WARN, f"dropped {topic}", text)
         missing = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterable
 
-from cylconn_ros.ros.qos import DEPTH
+from cylconn_ros.ros.qos import INPUT_DEPTH
 
 Receive = Callable[[bytes], object]
 
@@ -29,7 +29,7 @@ class HeldMessages:
         """Hold a message of an input, and the function that is to process it."""
         self.received[source] += 1
         self._arrivals += 1
-        queue = self._queues.setdefault(source, deque(maxlen=DEPTH))
+        queue = self._queues.setdefault(source, deque(maxlen=INPUT_DEPTH))
         queue.append((self._arrivals, receive, data))
 
     def samples(self, sources: Iterable[Hashable]) -> int:

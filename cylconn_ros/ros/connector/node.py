@@ -28,7 +28,7 @@ from cylconn_ros.ros.connector.endpoint import ConnectorEndpoint
 from cylconn_ros.ros.connector.held_messages import HeldMessages
 from cylconn_ros.ros.connector.loading import KernelLoader, Samples, input_groups
 from cylconn_ros.ros.connector.open_recording import open_recording
-from cylconn_ros.ros.connector.parameters import SceneParameters, differences, ros_part
+from cylconn_ros.ros.connector.parameters import FROZEN, SceneParameters, differences, ros_part
 from cylconn_ros.ros.connector.problems import log_model
 from cylconn_ros.ros.connector.recorder import Recorder
 from cylconn_ros.ros.connector.shared_bodies import couple_connectors, share_body_topics
@@ -69,7 +69,7 @@ class ConnectorNode(LifecycleNode):
         super().__init__("connector", parameter_overrides=ros_part(parameters), **node_arguments)
         answer_unavailable_transitions(self)
         self.done = Future()
-        self.failure = ""  # reason of the last failed transition
+        self.failure = self._frozen = ""  # reasons: of the last failed transition, of refusals
         self.parameters = SceneParameters(self, scenes, self._prepare, self._apply)
         self._lock = threading.RLock()  # protects pipelines and recording
         self.recorder = Recorder(Path(self.scene.record.directory), self._lock)
@@ -235,6 +235,8 @@ class ConnectorNode(LifecycleNode):
             self.get_logger().error(self.failure)
             return TransitionCallbackReturn.FAILURE
         self.state = to
+        if to == "active" and self.scene.access.frozen:
+            self._frozen = FROZEN
         for connector in self._connectors:
             connector.status.state = to
         return TransitionCallbackReturn.SUCCESS
@@ -295,6 +297,8 @@ class ConnectorNode(LifecycleNode):
 
     def _respond(self, response: Any, act: Any) -> Any:
         try:
+            if self._frozen:
+                raise SceneError(self._frozen)
             response.message = str(act())
             response.success = True
         except Exception as error:
@@ -334,6 +338,8 @@ class ConnectorNode(LifecycleNode):
         changes = self.parameters.changes(parameter_list)
         if parameter_list and not changes:
             return SetParametersResult(successful=True)
+        if self._frozen:
+            return SetParametersResult(successful=False, reason=self._frozen)
         return super().set_parameters_atomically(changes)
 
     def _prepare(self, scenes: Mapping[str, Scene]) -> None:

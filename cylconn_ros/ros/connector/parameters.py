@@ -28,6 +28,11 @@ _CONNECTORS = ParameterDescriptor(
     read_only=True,
 )
 
+FROZEN = (
+    "access.frozen = true: nothing can be changed since the node was first active; restart it with "
+    "other parameters"
+)
+
 
 def ros_part(parameters: Mapping[str, Any]) -> list[RosParameter]:
     """Parameters of ROS itself (use_sim_time, qos_overrides …), for the node."""

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.relative_state import MAX_INPUT
 from cylconn_ros.messages.health import Health
@@ -31,6 +32,9 @@ _INTEGRATION = {"exact": "semi_implicit", "semi_implicit": "exact"}  # measured,
 _INTEGRATES = {"exact": "exactly", "semi_implicit": "semi-implicitly"}
 _ALIGNED = 10.0  # deg between two motions, below which their lengths differ, not their axes
 _WHOLE, _STEADY = 0.15, 0.25  # samples: of a latency from a whole number, and its spread
+_EVEN = 0.01  # of the period: differences of stamps within it are even
+_EXPLAINED = 0.25  # relative difference of motions that uneven stamps explain
+_UNKNOWN = "unknown"
 TIMEOUT = "timeout"  # key of the problem that the watchdog logs itself, each time
 _ZERO = "commanding zero wrench"
 
@@ -82,7 +86,8 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         text = "stamps went back: restarted with a new reference configuration"
         yield Problem(WARN, "restarts", text)
     if is_new("unknown frame_ids", counts.unknown_frames):
-        text = _unknown_frame_text(pipeline)
+        seen = pipeline.matcher.unknown_frame
+        text = unknown_frame_text(pipeline.scene, seen) if seen is not None else ""
         yield Problem(WARN, text.partition(";")[0], text)
 
 
@@ -150,8 +155,13 @@ def topic_of(scene: Scene, at: int) -> str:
     return _topic(scene, body, "twist" if is_twist else "pose")
 
 
-def solution_problems(connector: Connector, health: Health, is_new: IsNew) -> Iterator[Problem]:
-    """Problems of the solution: flags, and wrenches that are scaled down."""
+def solution_problems(
+    connector: Connector, health: Health, is_new: IsNew, uneven: bool = False
+) -> Iterator[Problem]:
+    """Problems of the solution: flags, and wrenches that are scaled down.
+
+    ``uneven``: whether stamps since the last report were not one period apart.
+    """
     scene = connector.scene
     flags = health.flags
     if flags & layout.UNDERSAMPLED:
@@ -164,7 +174,7 @@ def solution_problems(connector: Connector, health: Health, is_new: IsNew) -> It
         )
         yield Problem(WARN, "turns", text)
     if flags & layout.TWIST_CONTRADICTS:
-        yield from _contradictions(connector)
+        yield from _contradictions(connector, uneven)
     if flags & layout.MISALIGNED:
         text = (
             "correcting constraint drift: too large for one step (worst: "
@@ -189,27 +199,58 @@ def solution_problems(connector: Connector, health: Health, is_new: IsNew) -> It
         yield Problem(WARN, "saturated", text)
 
 
-def latency_problem(connector: Connector, before: float) -> Iterator[Problem]:
-    """The measured latency, if there is one, and what to set.
+def latency_values(connector: Connector) -> dict[str, str]:
+    """The declared and the measured latency, for diagnostics."""
+    measured, declared = connector.measured_latency, connector.scene.latency
+    unknown = measured is None
+    return {
+        "latency [samples]": f"{declared:d}" if declared >= 0 else "measured",
+        "measured latency [samples]": _UNKNOWN if unknown else f"{measured:.2f}",
+        "spread of the latency [samples]": (
+            _UNKNOWN if unknown else f"{connector.latency_spread:.2f}"
+        ),
+    }
 
-    ``before``: samples, the latency at the last report; a latency that changes is not reported yet.
+
+def latency_problem(connector: Connector, before: float | None) -> Iterator[Problem]:
+    """The measured latency, if there is one, and what to set; a declared one that it refutes.
+
+    ``before``: samples, measured at the last report, None if unknown; a latency that changes is not
+    reported yet.
     """
-    latency, spread, period = connector.latency, connector.latency_spread, connector.scene.period
-    if connector.scene.latency >= 0 or latency < _WHOLE or abs(latency - before) > _WHOLE:
+    latency, spread, period = (
+        connector.measured_latency, connector.latency_spread, connector.scene.period,
+    )  # fmt: skip
+    declared = connector.scene.latency
+    expected = max(declared, 0)
+    if latency is None or before is None or abs(latency - before) > _WHOLE:
+        return
+    if abs(latency - expected) < _WHOLE + (spread if declared >= 0 else 0.0):
         return
     time = f" ({latency * period * 1e3:.1f} ms)" if period else ""
     text = f"wrenches act {latency:.1f} samples{time} after their sample"
     whole = round(latency)
-    if whole and abs(latency - whole) <= _WHOLE and spread <= _STEADY:
+    steady = abs(latency - whole) <= _WHOLE and spread <= _STEADY
+    if declared >= 0:
+        text = f"latency: {declared} is declared, but {text}"
+        remedy = f"set latency: {whole}" if steady else "set latency: -1, which measures it"
+        yield Problem(WARN, f"declared latency {declared}", f"{text}: {remedy}")
+    elif whole and steady:
         yield Problem(WARN, f"latency {whole}", f"{text}: set latency: {whole}")
     else:
         text += f", with a spread of {spread:.1f} samples: keep latency: -1, which follows it"
         yield Problem(OK, "latency", text)
 
 
-def _contradictions(connector: Connector) -> Iterator[Problem]:
-    """Each body whose twist does not match its poses: ratio and direction of the two motions."""
+def _contradictions(connector: Connector, uneven: bool) -> Iterator[Problem]:
+    """Each body whose twist does not match its poses: ratio and direction of the two motions.
+
+    A body that moves by the twist times the period, while the stamps are farther apart or closer,
+    contradicts nothing: its stamps are not the times of its motion.
+    """
     scene, memory = connector.scene, connector.memory
+    interval = float(memory[model.STAMP_PERIOD])
+    stretch = interval / scene.period if uneven and scene.period else 1.0
     for body in _moving(scene):
         at = model.CONTRADICTION + 3 * body
         by_poses, by_twists, product = memory[at : at + 3]
@@ -224,11 +265,24 @@ def _contradictions(connector: Connector) -> Iterator[Problem]:
             directions = f", directions {apart:.0f} deg apart"
             remedy = "check its axes (frame_id, twist_axes)"
         topic = _topic(scene, body, "twist")
+        by_stamps = abs(stretch - 1.0) > _EVEN and abs(ratio / stretch - 1.0) < _EXPLAINED
+        if by_stamps and apart <= _ALIGNED:
+            yield Problem(WARN, "uneven stamps", _uneven_text(scene, interval))
+            continue
         text = (
             f"{topic} does not match the pose differences (ratio {ratio:.1f}, expected 1.0"
             f"{directions}): {remedy}"
         )
         yield Problem(WARN, f"contradiction {topic}", text)
+
+
+def _uneven_text(scene: Scene, interval: float) -> str:
+    """Warning about stamps that are not the times of the motion."""
+    off = 100.0 * abs(interval / scene.period - 1.0)
+    return (
+        f"stamps are {off:.0f} % off the period ({interval:.4g} s, expected {scene.period:g} s) "
+        "although the bodies move by one period: stamp samples with the simulation time"
+    )
 
 
 def _moving(scene: Scene) -> list[int]:
@@ -249,20 +303,6 @@ def _incomplete_text(pipeline: MessagePipeline) -> str:
     return (
         "samples stay incomplete: pose and twist with the same stamp do not both arrive before "
         "the next sample is complete"
-    )
-
-
-def _unknown_frame_text(pipeline: MessagePipeline) -> str:
-    scene, seen = pipeline.scene, pipeline.matcher.unknown_frame
-    assert seen is not None
-    odometry = scene.input == "odometry" and seen.quantity != "load"
-    expected = [scene.world_frame]
-    if seen.quantity != "pose":
-        expected.append(scene.bodies[seen.body].frame)
-    field = "child_frame_id" if odometry and seen.quantity == "twist" else "frame_id"
-    return (
-        f"{_topic(scene, seen.body, seen.quantity)}: unknown {field} {seen.frame!r}, expected "
-        f"{' or '.join(repr(frame) for frame in expected)}; treated as {seen.axes} axes"
     )
 
 

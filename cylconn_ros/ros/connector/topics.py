@@ -106,7 +106,7 @@ class Topics:
             if name in self.remote:
                 continue
             topic = self.resolved(name)
-            profile = qos.samples(pipeline.scene.qos.reliability)
+            profile = qos.samples(pipeline.scene.qos.reliability, qos.INPUT_DEPTH)
             receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),

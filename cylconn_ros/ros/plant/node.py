@@ -59,6 +59,8 @@ class PlantNode(Node):
     Raises SceneError at construction if the parameters are invalid.
     """
 
+    EXECUTABLE = "plant"
+
     def __init__(
         self, parameters: Mapping[str, Any], namespace: str = "/", **node_arguments: Any
     ) -> None:
@@ -74,13 +76,10 @@ class PlantNode(Node):
                 f"these names; it is {namespace} (use -r __ns:=/{next(iter(scenes))})"
             )
         self.scene = scenes[name]
-        run_node.announce_compiling(physics.step, lambda text: print(f"plant: {text}", flush=True))
-        # compiles now, not while a connector waits
-        Plant(self.scene).step(np.zeros(6), np.zeros(6))
-        if self.scene.plant_latency > 0.0:
-            WrenchDelay(Plant(self.scene), 0.0).step()
-        self.plant = Plant(self.scene)
-        super().__init__("plant", parameter_overrides=ros_part(parameters), **node_arguments)
+        self.plant = self.make_plant()
+        super().__init__(
+            self.EXECUTABLE, parameter_overrides=ros_part(parameters), **node_arguments
+        )
         declare(self, {multiple.ONE: self.scene})
         self.done = Future()
         self.counts = PlantCounts()
@@ -90,7 +89,7 @@ class PlantNode(Node):
         self._steps = 0
         self._exchange = Exchange(self.scene, self.counts)
         delay = self.scene.plant_latency
-        self._late = WrenchDelay(self.plant, delay) if delay > 0.0 else None
+        self._late = self.make_delay(delay) if delay > 0.0 else None
         self._out = {
             name: self.create_publisher(
                 message_class(kind), name, qos.samples(), qos_overriding_options=qos.overriding()
@@ -112,6 +111,18 @@ class PlantNode(Node):
         self._remind = self._begin + _PATIENCE
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK, self._check, clock=self._steady)
+
+    def make_plant(self) -> Plant:
+        """Return the plant of ``self.scene``; compiles now, not while a connector waits."""
+        run_node.announce_compiling(physics.step, lambda text: print(f"plant: {text}", flush=True))
+        Plant(self.scene).step(np.zeros(6), np.zeros(6))
+        if self.scene.plant_latency > 0.0:
+            WrenchDelay(Plant(self.scene), 0.0).step()
+        return Plant(self.scene)
+
+    def make_delay(self, delay: float) -> WrenchDelay:
+        """Return the plant with wrenches that act ``delay`` periods late."""
+        return WrenchDelay(self.plant, delay)
 
     # --- samples ---------------------------------------------------------------------------------
 

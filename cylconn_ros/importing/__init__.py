@@ -1,0 +1,1 @@
+"""Models of other programs (MJCF, URDF, Abaqus decks) as scenes."""

@@ -1,0 +1,145 @@
+"""*CONNECTOR BEHAVIOR of an Abaqus deck: what acts on slide (component 1) and spin (4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cylconn_ros.errors import ModelError
+from cylconn_ros.importing.deck import Block, Units
+from cylconn_ros.importing.scene_text import Draft
+
+SLIDE, SPIN = 1, 4
+
+
+def put(draft: Draft, blocks: Sequence[Block], name: str, scale: Units) -> None:
+    """Take over the behaviour with this name. Raises ModelError if it is not in the deck."""
+    start = next(
+        (k for k, block in enumerate(blocks)
+         if block.keyword == "CONNECTOR BEHAVIOR" and block.name("NAME") == name), None
+    )  # fmt: skip
+    if start is None:
+        raise ModelError(f"*CONNECTOR BEHAVIOR, NAME={name}: not in the deck")
+    blocks[start].used = True
+    for k in range(start + 1, len(blocks)):
+        block = blocks[k]
+        if block.keyword == "FRICTION" and blocks[k - 1].keyword == "CONNECTOR FRICTION":
+            if blocks[k - 1].used:
+                _friction(draft, block, scale)
+            continue
+        if not block.keyword.startswith("CONNECTOR ") or block.keyword == "CONNECTOR BEHAVIOR":
+            break
+        _part(draft, block, scale)
+
+
+def _part(draft: Draft, block: Block, scale: Units) -> None:
+    component = int(block.parameters.get("COMPONENT", "0") or 0)
+    slides = component == SLIDE
+    kind = block.keyword.removeprefix("CONNECTOR ")
+    unit = scale.length if slides else 1.0
+    effort = scale.force if slides else scale.moment
+    if kind == "CONSTITUTIVE REFERENCE":
+        values = block.data[0] if block.data else []
+        block.used = True
+        for at, key, size in ((0, "length", scale.length), (3, "angle", math.radians(1.0))):
+            if at < len(values) and values[at]:
+                comment = "In degrees in the deck." if key == "angle" else ""
+                draft.put(f"reference.{key}", block.numbers(0)[at] * size, comment)
+        return
+    if kind == "FRICTION":
+        if "PREDEFINED" in block.parameters:
+            block.used = True
+            constants = [*block.numbers(0), 0.0, 0.0, 0.0][:3]
+            draft.put("friction.radius", constants[0] * scale.length,
+                      "Constants of predefined friction in the order R, L, FCint.")  # fmt: skip
+            draft.put("friction.overlap", constants[1] * scale.length)
+            draft.put("friction.preload", constants[2] * scale.force)
+        return
+    if component not in (SLIDE, SPIN):
+        return
+    if kind in ("ELASTICITY", "DAMPING"):
+        plain = not {"NONLINEAR", "RIGID", "TYPE"} & set(block.parameters)
+        if not plain or len(block.data) != 1:
+            return
+        elastic = kind == "ELASTICITY"
+        names = ("k1", "kr1") if elastic else ("c1", "cr1")
+        name = f"{'elasticity' if elastic else 'damping'}.{names[0] if slides else names[1]}"
+        time = 1.0 if elastic else scale.time
+        draft.put(name, block.numbers(0)[0] * effort * time / unit)
+        block.used = True
+    elif kind == "STOP":
+        bound = "l" if slides else "theta"
+        for field, end in zip(block.data[0] if block.data else [], ("min", "max"), strict=False):
+            if field:
+                at = 0 if end == "min" else 1
+                draft.put(f"stops.{bound}_{end}", block.numbers(0)[at] * unit)
+        block.used = True
+    elif kind == "LOCK":
+        _lock(draft, block, slides, unit, effort)
+
+
+def _lock(draft: Draft, block: Block, slides: bool, unit: float, effort: float) -> None:
+    """Lower and upper limit of the position, and of the force; one of each is taken."""
+    fields = [*(block.data[0] if block.data else []), "", "", "", ""][:4]
+    values = [*(block.numbers(0) if block.data else []), 0.0, 0.0, 0.0, 0.0][:4]
+    if (fields[0] and fields[1]) or (fields[2] and fields[3] and values[2] != -values[3]):
+        return  # two criteria; a scene has one: listed
+    draft.put("lock.component", "slide" if slides else "spin")
+    for at in (0, 1):
+        if fields[at]:
+            draft.put("lock.position", values[at] * unit)
+    for at in (2, 3):
+        if fields[at]:
+            draft.put("lock.force", abs(values[at]) * effort)
+    block.used = True
+
+
+def _friction(draft: Draft, block: Block, scale: Units) -> None:
+    """The coefficient: constant, with exponential decay, or over the slip rate."""
+    speed = scale.length / scale.time
+    if "EXPONENTIAL DECAY" in block.parameters:
+        static, kinetic, decay = [*block.numbers(0), 0.0, 0.0][:3]
+        draft.put("friction.coefficient", kinetic)
+        draft.put("friction.static_coefficient", static)
+        draft.put("friction.decay", decay / speed)
+    elif len(block.data) == 1:
+        draft.put("friction.coefficient", block.numbers(0)[0])
+    else:
+        rows = [block.numbers(k) for k in range(len(block.data))]
+        if any(len(row) > 2 for row in rows):
+            return  # over pressure: listed
+        table = sorted((row[1] if len(row) > 1 else 0.0, row[0]) for row in rows)
+        draft.put("friction.table.rates", [rate * speed for rate, _ in table])
+        draft.put("friction.table.forces", [0.0])
+        draft.put("friction.table.values", [value for _, value in table])
+        draft.blanks.pop("friction.coefficient", None)
+    if "TAUMAX" in block.parameters:
+        draft.put("friction.max_force", float(block.parameters["TAUMAX"]) * scale.force)
+    block.used = True
+
+
+def put_loads(draft: Draft, blocks: Sequence[Block], targets: set[str], scale: Units) -> None:
+    """*CONNECTOR MOTION and *CONNECTOR LOAD on components 1 and 4, constant ones."""
+    for block in blocks:
+        if block.keyword not in ("CONNECTOR MOTION", "CONNECTOR LOAD"):
+            continue
+        taken = 0
+        for fields in block.data:
+            if len(fields) < 3 or fields[0].upper() not in targets or "AMPLITUDE" in \
+                    block.parameters or fields[1] not in (str(SLIDE), str(SPIN)):  # fmt: skip
+                continue
+            slides = fields[1] == str(SLIDE)
+            axis, unit = ("slide", scale.length) if slides else ("spin", 1.0)
+            value = Block(block.keyword, {}, [fields[2:3]], block.line).numbers(0)[0]
+            if block.keyword == "CONNECTOR LOAD":
+                effort = scale.force if slides else scale.moment
+                draft.put(f"command.{axis}.force", value * effort)
+            elif block.name("TYPE") == "VELOCITY":
+                draft.put(f"command.{axis}.velocity", value * unit / scale.time)
+            elif block.name("TYPE") in ("", "DISPLACEMENT"):
+                comment = "A displacement in the deck: counted from its initial position."
+                draft.put(f"command.{axis}.position", value * unit, comment)
+            else:
+                continue
+            taken += 1
+        block.used = taken == len(block.data)

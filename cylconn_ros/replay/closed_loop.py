@@ -1,0 +1,143 @@
+"""What-if: simulate forward from a recorded state, with the recorded loads and commands.
+
+Replay computes the wrench for the recorded motion. The closed loop lets the motion follow: the
+plant starts with poses and twists of the first recorded sample, and its bodies move under the
+wrenches of the connector, under the recorded loads and with the recorded commands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.connector.connector import Connector
+from cylconn_ros.core import layout
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.recording.run import Run
+from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
+from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation import run as simulated
+from cylconn_ros.simulation.closed_loop import run_loop, times
+from cylconn_ros.simulation.plant import Plant
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+Commands = list[tuple[int, dict[str, joint_command.Imposition]]]
+
+_BLOCK = 2048  # samples per call at most
+_COMMAND = "~/command"
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """The first history of a recording.
+
+    Attributes
+    ----------
+        samples: its complete samples.
+        commands: log time or stamp (ns since the first sample) and content of each command.
+    """
+
+    samples: SampleArrays
+    commands: Commands
+
+
+def recorded_motion(run: Run, scene: Scene, remap: dict[str, str] | None = None) -> Motion:
+    """Read the motion of a recording until its stamps go back; raises RecordingError if none."""
+    found = SampleArrays.collect(synchronized_samples(run, scene, remap))
+    again = np.flatnonzero(found.restarted[1:])
+    if len(again):
+        found = found[: int(again[0]) + 1]
+    if len(found) < 2 or not np.isfinite(found.samples[0]).all():
+        raise RecordingError(
+            f"{run.path}: no state to start from: {len(found)} complete samples "
+            "(pose and twist with the same stamp)"
+        )
+    return Motion(found, _commands(run, found))
+
+
+def along(scene: Scene, motion: Motion) -> Array:
+    """Return the outputs (n, NOUT) of the connector for the recorded motion."""
+    outs = np.empty((len(motion.samples), layout.NOUT))
+    Connector(scene).run(motion.samples.samples, motion.samples.h, outs)
+    return outs
+
+
+def simulate_from(scene: Scene, motion: Motion, progress: Progress | None = None) -> simulated.Run:
+    """Simulate the scene from the first recorded sample, as long as the recording.
+
+    Args:
+        scene: its period is that of the simulation; 0: the usual one of the recording.
+        motion: of :func:`recorded_motion`.
+        progress: called with (done, total) samples.
+
+    Raises SceneError for a scene that cannot be simulated.
+    """
+    recorded = motion.samples
+    if scene.period <= 0.0:
+        scene = dataclasses.replace(scene, period=float(np.median(recorded.h[1:])))
+    plant, connector = Plant(scene), Connector(scene)
+    plant.state[:] = recorded.samples[0, layout.MOTION]
+    handle, par, mem, period = connector.kernel_arguments()
+    step = round(period * 1e9)
+    since = recorded.stamps - recorded.stamps[0]
+    samples = int(since[-1]) // step + 1
+    # The inputs change at few samples, or at each: a call covers those with the same inputs.
+    held = np.searchsorted(since, np.arange(samples) * step + step // 2, side="right") - 1
+    loads = recorded.samples[held][:, layout.LOADS]
+    starts = {0, *range(0, samples, _BLOCK)}
+    starts |= {int(k) + 1 for k in np.flatnonzero((np.diff(loads, axis=0) != 0.0).any(axis=1))}
+    commands = [(-(-max(at, 0) // step), content) for at, content in motion.commands]
+    starts |= {at for at, _ in commands if at < samples}
+    edges = [*sorted(starts), samples]
+    rows = np.empty((samples, layout.NSAMPLE))
+    outs, energy = np.empty((samples, layout.NOUT)), np.empty(samples)
+    delay = scene.plant_latency
+    sent, acting = np.zeros((int(delay) + 1, 12)), np.zeros(12)
+    for begin, end in itertools.pairwise(edges):
+        while commands and commands[0][0] <= begin:
+            for name, imposition in commands.pop(0)[1].items():
+                connector.impose(name, *imposition)
+        handle, par, mem, period = connector.kernel_arguments()
+        plant.loads[:] = loads[begin]
+        run_loop(
+            handle, par, mem, period, plant.par, plant.state, plant.loads, delay, sent, acting,
+            rows[begin:end], outs[begin:end], energy[begin:end],
+        )  # fmt: skip
+        if progress is not None:
+            progress(end, samples)
+    plant.move(plant.state, samples)
+    time = times(scene, samples)
+    return simulated.Run(scene, time, rows[:, layout.MOTION], outs, energy, connector, plant)
+
+
+def _commands(run: Run, samples: SampleArrays) -> Commands:
+    """Read the commands with the time of each since the first sample, ns."""
+    names = {run.names.get(_COMMAND), f"{run.metadata.get('node', '/connector')}/command"}
+    topic = next((t for t in run.types if t in names and run.counts[t]), None)
+    if topic is None:
+        return []
+    stamped = run.types.get(topic) == "sensor_msgs/msg/JointState"
+    if not stamped:
+        return []
+    # Log times of commands and of the first sample's messages are of one clock.
+    first = _first_log_time(run)
+    found: Commands = []
+    for log_time, _, data in run.raw(topic):
+        try:
+            content = joint_command.read(cdr_decoder.read_joint_state(data))
+        except ValueError:
+            continue
+        found.append((log_time - first, content))
+    return found
+
+
+def _first_log_time(run: Run) -> int:
+    """Log time of the first pose or odometry."""
+    motion = [t for t in run.types if t.endswith(("/pose", "/odom")) and run.counts[t]]
+    return min(run.table(topic).log_time[0] for topic in motion) if motion else 0
