@@ -88,8 +88,13 @@ built.all.filter((one) => one.parts.base).map((one) => {
   return new Set(new Uint32Array(data.buffer)).size;
 })
 """
-
-
+# All elements of a page, also in the shadow trees of the plots.
+DEEP = """
+(function all(root) {
+  const inner = (e) => (e.shadowRoot ? all(e.shadowRoot) : []);
+  return [...root.querySelectorAll("*")].flatMap((e) => [e, ...inner(e)]);
+})
+"""
 # For every plot, the most frequent colours of two pixel columns.
 BEHIND = f"""
 (async () => {{
@@ -209,19 +214,58 @@ def test_the_legend_hides_and_shows_a_curve(opened: Page) -> None:
     assert opened.run(visible) == [True, True]
 
 
-def test_hover_names_value_and_unit(opened: Page) -> None:
-    x, y = place(opened, "slide", 0.5)
-    for share in (0, 5, 10):  # the scrolled page takes the first as the pointer's entry
-        opened.mouse("mouseMoved", x + share, y)
-        opened.run("new Promise((done) => setTimeout(done, 200))")
-    texts = opened.run(
-        "(() => { const all = (root) => [...root.querySelectorAll('*')].flatMap((e) =>"
-        " [e, ...(e.shadowRoot ? all(e.shadowRoot) : [])]);"
-        " return all(document).filter((e) => String(e.className).includes('bk-tooltip-row-value'))"
-        ".map((e) => e.textContent); })()"
+def test_hover_names_values_and_units_and_changes_no_curve(opened: Page, run: Run) -> None:
+    pixels = (
+        f"(async () => {{ {PIXELS} const one = built.all.find((o) => o.panel?.key === 'normal');"
     )
-    assert any(text.endswith(" s") for text in texts)
-    assert any(text.endswith(" m") for text in texts)
+    pixels += " return [...new Set(new Uint32Array((await pixels(one)).data.buffer))].sort(); })()"
+    before = opened.run(pixels)
+    opened.mouse("mouseMoved", *place(opened, "normal", 0.4))
+    opened.mouse("mouseMoved", *place(opened, "normal", 0.5))
+    opened.wait_for_drawing()
+    text = opened.run("document.querySelector('[data-key=normal] .tip').innerText")
+    k = opened.run("built.link.index")
+    assert text.startswith(f"t = {opened.run('built.link.t'):.4f} s")
+    forces = {name: float(force) for name, force in re.findall(r"(\S+) ([\d.]+) N\b", text)}
+    assert forces["Fr"] == pytest.approx(run.state["radial_force"][k], rel=1e-4)
+    assert forces["FN"] == pytest.approx(run.state["normal_force"][k], rel=1e-4)
+    assert opened.run(pixels) == before
+    opened.mouse("mouseMoved", 5, 5)
+    opened.wait_for_drawing()
+    assert opened.run("document.querySelector('[data-key=normal] .tip').hidden")
+
+
+def test_small_quantities_have_small_units(opened: Page) -> None:
+    find = "((unit, size) => report.unitOf({ unit, curves: [{ drawn: { lo: [size], hi: [0] } }] }))"
+    for unit, size, name, factor in (
+        ("m", 2.0, "m", 1.0),
+        ("m", 0.02, "mm", 1e3),
+        ("m", 2e-6, "µm", 1e6),
+        ("N m", -3e-9, "nN m", 1e9),
+        ("turns", 1.0, "turns", 1.0),
+        ("turns", 1e-3, "mrad", 2e3 * 3.141592653589793),
+        ("µs", 1e-3, "µs", 1.0),
+        ("m", 0.0, "m", 1.0),
+    ):
+        found = opened.run(f"{find}('{unit}', {size})")
+        assert (found["unit"], found["factor"]) == (name, pytest.approx(factor))
+
+
+def test_a_finger_scrolls_the_page_over_a_plot(chromium: Page, report: Path) -> None:
+    chromium.send("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=1)
+    try:
+        chromium.open(report, width=400)
+        chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+        chromium.run(DRAW)
+        found = chromium.run(
+            f"{DEEP}(document).filter((e) => e.classList.contains('bk-events'))"
+            ".map((e) => getComputedStyle(e).touchAction)"
+        )
+        assert len(found) > 10
+        assert set(found) == {"auto"}
+        assert chromium.run("document.documentElement.scrollWidth") == 400
+    finally:
+        chromium.send("Emulation.setTouchEmulationEnabled", enabled=False)
 
 
 def test_the_table_of_a_plot_has_every_sample(opened: Page, run: Run) -> None:
@@ -289,6 +333,26 @@ def test_a_long_run_notes_its_decimation(chromium: Page, tmp_path: Path) -> None
     readings = {key: first for key, first, *_ in chromium.run(VALUES)}
     assert "… 1000.0" in readings["slide"]
     assert dict(chromium.run(MISSING))["slide"] == []
+
+
+def test_zeros_of_a_logarithmic_plot_lie_at_its_lower_edge(chromium: Page, tmp_path: Path) -> None:
+    found = noise_data(500)
+    (states,) = found.read_states(None)  # views of the arrays, one block
+    states.fields["residual"][:] = 0.0
+    states.fields["residual"][250] = 2e-16
+    head, numbers = payload.build_payload(found)
+    path = tmp_path / "zeros.html"
+    path.write_text(page.render("zeros", [], [], [], "", head, numbers))
+    chromium.open(path)
+    chromium.run("report.ready.then((built) => { globalThis.built = built; })")
+    chromium.run(DRAW)
+    one = "built.all.find((one) => one.panel?.key === 'residual')"
+    low, high, *values = chromium.run(
+        f"(() => {{ const one = {one}; return [one.y.start, one.y.end,"
+        " ...new Set(one.sources[0].data.y)]; })()"
+    )
+    assert (low, high) == (pytest.approx(1e-18), pytest.approx(1e-15))
+    assert sorted(values) == [low, pytest.approx(2e-16)]
 
 
 def test_a_damaged_page_shows_an_error(chromium: Page, report: Path, tmp_path: Path) -> None:

@@ -1,6 +1,9 @@
 // Plots over time: curves by BokehJS; legend, readings, cursor and export around them.
 
 const LEFT = 86, RIGHT = 12, TOP = 4, BOTTOM = 20, HEIGHT = 168;
+const COARSE = matchMedia("(pointer: coarse)");
+const TOOLBAR_STYLE = ":host { --background-color: var(--panel); --icon-color: var(--soft); --color: var(--ink); --divider-color: var(--line); }"
+  + " :host(.bk-inner) { background: linear-gradient(to left, var(--panel) 190px, transparent 190px); }";
 
 function plotArea(width, height) {
   return { left: LEFT, top: TOP, width: Math.max(10, width - LEFT - RIGHT), height: Math.max(10, height - TOP - BOTTOM) };
@@ -37,15 +40,9 @@ function cursorLine(parts, link) {
   return { context, plot, x, inside };
 }
 
-// Smaller units for small quantities: greatest magnitude for which they are used, unit, factor.
-const SMALLER = {
-  "m": [[1e-4, "µm", 1e6], [0.1, "mm", 1e3]],
-  "m/s": [[1e-4, "µm/s", 1e6], [0.1, "mm/s", 1e3]],
-  "turns": [[0.05, "mrad", 2e3 * Math.PI]],
-  "rad/s": [[0.1, "mrad/s", 1e3]],
-  "N": [[0.1, "mN", 1e3]],
-  "N m": [[0.1, "mN m", 1e3]],
-};
+// Units of small quantities: prefix, factor and the magnitude from which on the unit suits.
+const PREFIXES = [["", 1, 0.1], ["m", 1e3, 1e-4], ["µ", 1e6, 1e-7], ["n", 1e9, 0]];
+const PREFIXED = new Set(["m", "m/s", "rad", "rad/s", "N", "N m"]);
 
 function unitOf(panel) {
   let size = 0;
@@ -54,8 +51,11 @@ function unitOf(panel) {
       for (const value of values) if (Number.isFinite(value)) size = Math.max(size, Math.abs(value));
     }
   }
-  const found = size > 0 ? (SMALLER[panel.unit] ?? []).find(([most]) => size < most) : undefined;
-  return found ? { unit: found[1], factor: found[2] } : { unit: panel.unit, factor: 1 };
+  const small = panel.unit === "turns" && size < 0.05; // turns have no smaller unit
+  const unit = small ? "rad" : panel.unit, scale = small ? 2 * Math.PI : 1;
+  if (!PREFIXED.has(unit) || size === 0) return { unit: panel.unit, factor: 1 };
+  const [prefix, factor] = PREFIXES.find(([, , least]) => size * scale >= least);
+  return { unit: prefix + unit, factor: factor * scale };
 }
 
 // Height of the stops in the plot of the slide: the stops are lengths, the slide counts from the start.
@@ -91,14 +91,15 @@ class Chart {
     save.title = "save the visible range as a table";
     save.addEventListener("click", () => download(`${panel.key}.csv`, this.table()));
     header.append(save);
-    const stage = element("div", "stage"), line = element("div", "cursor");
+    const stage = element("div", "stage"), line = element("div", "cursor"), tip = element("div", "tip");
+    tip.hidden = true;
     stage.style.height = `${HEIGHT}px`;
     stage.setAttribute("role", "img");
     stage.setAttribute("aria-label", `${panel.title}, ${this.unit}`);
-    stage.append(line);
+    stage.append(line, tip);
     root.append(header, stage);
     host.append(root);
-    this.parts = { root, header, stage, line };
+    this.parts = { root, header, stage, line, tip };
     // Plots are made when they come near the window: a page of sixteen opens as fast as one of three.
     new IntersectionObserver((entries) => {
       this.near = entries[entries.length - 1].isIntersecting;
@@ -132,7 +133,7 @@ class Chart {
 
   // A curve as points: smallest and largest value of each group, nearest first; NaN at gaps.
   trace(drawn, groups) {
-    const x = [], y = [], low = [], high = [];
+    const x = [], y = [];
     let at = NaN;
     for (const { t, from, to, gap } of groups) {
       let lo = Infinity, hi = -Infinity;
@@ -141,27 +142,32 @@ class Chart {
         if (drawn.hi[k] > hi) hi = drawn.hi[k];
       }
       if (gap || !(lo <= hi)) {
-        x.push(t); y.push(NaN); low.push(NaN); high.push(NaN);
+        x.push(t); y.push(NaN);
       }
       if (!(lo <= hi)) continue;
       [lo, hi] = [lo * this.factor, hi * this.factor];
       const points = lo === hi ? [lo] : Math.abs(hi - at) < Math.abs(lo - at) ? [hi, lo] : [lo, hi];
       for (const value of points) {
-        x.push(t); y.push(this.panel.log && !(value > 0) ? NaN : value); low.push(lo); high.push(hi);
+        x.push(t); y.push(value);
       }
       at = points[points.length - 1];
     }
-    return { x, y, low, high };
+    return { x, y };
   }
 
   range(traces) {
     let low = Infinity, high = -Infinity;
     traces.forEach(({ y }, j) => {
-      if (this.shown[j]) for (const value of y) if (Number.isFinite(value)) [low, high] = [Math.min(low, value), Math.max(high, value)];
+      if (!this.shown[j]) return;
+      for (const value of y) {
+        if (!Number.isFinite(value) || (this.panel.log && !(value > 0))) continue;
+        [low, high] = [Math.min(low, value), Math.max(high, value)];
+      }
     });
     if (this.panel.log) {
       if (!(high > 0)) return [1e-3, 1];
-      return [10 ** Math.floor(Math.log10(Math.max(low, high * 1e-14))), 10 ** Math.ceil(Math.log10(high * 1.05))];
+      const top = Math.ceil(Math.log10(high * 1.05)), bottom = Math.floor(Math.log10(Math.max(low, high * 1e-14)));
+      return [10 ** Math.min(bottom, top - 3), 10 ** top]; // within one decade, every tick would have its text
     }
     if (!(high >= low)) return [0, 1];
     if (this.panel.zero) [low, high] = [Math.min(low, 0), Math.max(high, 0)];
@@ -170,16 +176,17 @@ class Chart {
   }
 
   make() {
-    const { link, panel } = this, { Range1d, HoverTool, Span, ColumnDataSource } = Bokeh;
+    const { link, panel } = this, { Range1d, Span, ColumnDataSource } = Bokeh;
     this.x = new Range1d({ start: link.view[0], end: link.view[1] });
     this.y = new Range1d({ start: 0, end: 1 });
     this.figure = Bokeh.Plotting.figure({
       x_range: this.x, y_range: this.y, y_axis_type: panel.log ? "log" : "linear", height: HEIGHT, sizing_mode: "stretch_width",
-      tools: "box_zoom,pan,ywheel_zoom,xwheel_zoom,reset,save", active_drag: "box_zoom", active_scroll: null,
-      toolbar_location: "right", toolbar_inner: true, min_border_left: LEFT, min_border_right: RIGHT, min_border_top: TOP, output_backend: "canvas", lod_threshold: null,
+      // A finger that drags scrolls the page; the tools can be chosen there, too.
+      tools: "box_zoom,pan,ywheel_zoom,xwheel_zoom,reset,save", active_drag: COARSE.matches ? null : "box_zoom",
+      active_scroll: null, toolbar_location: "above", toolbar_inner: true, min_border_left: LEFT, min_border_right: RIGHT,
+      min_border_top: TOP, output_backend: "canvas", lod_threshold: null,
     });
-    this.figure.toolbar.logo = null;
-    this.figure.toolbar.autohide = true;
+    this.figure.toolbar.setv({ logo: null, autohide: true, stylesheets: [TOOLBAR_STYLE] });
     this.bandSources = ["stick", "slip", "stop", "lock"].map((name) => {
       const source = new ColumnDataSource({ data: { x0: [], x1: [] } });
       const strip = this.figure.vstrip({ field: "x0" }, { field: "x1" }, { source, line_color: null, level: "underlay" });
@@ -187,7 +194,7 @@ class Chart {
     });
     this.sources = [];
     this.glyphs = panel.curves.map((curve, j) => {
-      const source = new ColumnDataSource({ data: { x: [], y: [], low: [], high: [], floor: [] } });
+      const source = new ColumnDataSource({ data: { x: [], y: [], floor: [] } });
       this.sources.push(source);
       const made = [];
       if (curve.style === "area") {
@@ -196,10 +203,6 @@ class Chart {
       const line = this.figure.line({ field: "x" }, { field: "y" }, { source,
         line_width: curve.style === "line" ? 1.6 : 1, line_dash: curve.style === "dashed" ? [5, 3] : [] });
       made.push(line);
-      const unit = curve.label.includes("[") ? "" : ` ${this.unit}`;
-      this.figure.add_tools(new HoverTool({ renderers: [line], mode: "vline", line_policy: "nearest", point_policy: "snap_to_data",
-        toggleable: false, formatters: { "@x": "printf", "@low": "printf", "@high": "printf" },
-        tooltips: [["t", "@x{%.6g} s"], [curve.label, `@low{%.5g} … @high{%.5g}${unit}`]] }));
       return made;
     });
     this.spans = this.stops.map(({ name, value }) => {
@@ -216,13 +219,49 @@ class Chart {
     this.y.change.connect(changed);
     this.figure.on_event("reset", () => this.whole());
     this.figure.on_event("doubletap", () => this.whole());
-    this.figure.on_event("mousemove", (event) => link.playing || link.setCursor(event.x));
-    this.figure.on_event("tap", (event) => link.setCursor(event.x));
+    const point = (event) => {
+      if (link.playing) return;
+      link.setCursor(event.x);
+      this.tell(event);
+    };
+    this.figure.on_event("mousemove", point);
+    this.figure.on_event("tap", point);
+    this.figure.on_event("mouseleave", () => (this.parts.tip.hidden = true));
     this.update();
     this.ready = Bokeh.Plotting.show(this.figure, this.parts.stage).then((view) => {
       this.view = view;
       this.drawCursor();
     });
+  }
+
+  // Time and values of the shown curves beside the pointer.
+  tell({ sx, sy }) {
+    const { tip, stage } = this.parts, { bbox } = this.view.frame, { link } = this;
+    const inside = sx >= bbox.left && sx <= bbox.right && sy >= bbox.top && sy <= bbox.bottom;
+    tip.hidden = !inside;
+    if (!inside) return;
+    const rows = this.panel.curves.flatMap((curve, j) => (this.shown[j] ? [[curve, this.reading(curve)]] : []));
+    const text = (row) => {
+      const [curve, value] = row, line = element("div");
+      const swatch = element("i");
+      swatch.style.background = `var(--${curve.colour})`;
+      line.append(swatch, `${curve.label.replace(/ \[.*/, "")} `, element("b", "", `${value} ${this.unitText(curve)}`));
+      return line;
+    };
+    tip.replaceChildren(element("div", "", `t = ${minus(link.t.toFixed(4))} s`), ...rows.map(text));
+    const left = sx > stage.clientWidth / 2;
+    tip.style.left = left ? "" : `${sx + 14}px`;
+    tip.style.right = left ? `${stage.clientWidth - sx + 14}px` : "";
+  }
+
+  reading(curve) {
+    const k = this.link.index;
+    return rangeText(curve.reading.lo[k] * this.factor, curve.reading.hi[k] * this.factor);
+  }
+
+  // Unit of a curve: of its label, in plots of two units, else of the plot.
+  unitText(curve) {
+    return /\[(.*)\]/.exec(curve.label)?.[1] ?? (this.unit === "1" ? "" : this.unit);
   }
 
   whole() {
@@ -243,6 +282,9 @@ class Chart {
     const traces = this.panel.curves.map(({ drawn }) => this.trace(drawn, groups));
     this.busy = true;
     if (!this.zoomed) this.auto = this.range(traces);
+    if (this.panel.log) { // zero lies at the lower edge
+      for (const { y } of traces) y.forEach((value, k) => { if (value <= this.auto[0]) y[k] = this.auto[0]; });
+    }
     let floor = null;
     traces.forEach((trace, j) => {
       const { colour, style } = this.panel.curves[j];
@@ -291,10 +333,8 @@ class Chart {
   }
 
   drawCursor() {
-    const { view, t, index } = this.link;
-    this.panel.curves.forEach((curve, j) => {
-      this.readings[j].textContent = rangeText(curve.reading.lo[index] * this.factor, curve.reading.hi[index] * this.factor);
-    });
+    const { view, t } = this.link;
+    this.panel.curves.forEach((curve, j) => (this.readings[j].textContent = this.reading(curve)));
     const { line } = this.parts;
     line.hidden = !this.view || t < view[0] || t > view[1];
     if (line.hidden) return;

@@ -174,4 +174,4 @@ const ready = readRun().then((run) => {
   return built;
 });
 ready.catch(failed);
-globalThis.report = { ready, plotArea };
+globalThis.report = { ready, plotArea, unitOf };
