@@ -395,7 +395,7 @@ def summary_of(regime: list[int], **changed: list[float]) -> RunSummary:
     state = {name: np.zeros(count) for name in FIELDS} | {"stop_time": np.full(count, -1.0)}
     state["regime"] = np.array(regime)
     state |= {name: np.array(values) for name, values in changed.items()}
-    return summarise(np.arange(count) * 0.1, state)
+    return summarise((np.arange(count) * 0.1).astype(np.float64), state)
 
 
 def test_rest_without_a_stop_time_begins_after_the_last_motion() -> None:
