@@ -52,6 +52,7 @@ MUJOCO = [*FAST, "mujoco>=3.3"]
 BENCH = [*DEMO, *MUJOCO]
 PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; python_version < '3.12'"]
 DOCS = ["furo>=2024.8", "myst-parser>=4", "sphinx>=8.1"]
+TABLES = ["pandas>=2.2", "pyarrow>=16"]
 TEST = [
     *BENCH,
     *DOCS,
@@ -61,7 +62,7 @@ TEST = [
     # Pinned, because findings depend on the version of the tool and of NumPy's types.
     "mypy==2.4.*",
     "numpy==2.2.*",
-    "pandas>=2.2",
+    *TABLES,
     "pytest>=8",
     "rosbags>=0.10",
     "ruff==0.17.*",
@@ -250,6 +251,7 @@ setup(
         "bench": BENCH,
         "peers": PEERS,
         "docs": DOCS,
+        "tables": TABLES,
         "test": TEST,
     },
     entry_points={
