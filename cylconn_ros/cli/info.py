@@ -59,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
         lines.append(f"recovered {recorded.metadata['salvaged']}")
     lines += _topics(recorded)
     lines += [f"left out    {topic}: {reason}" for topic, reason in recorded.left_out.items()]
+    lines += [f"not decoded {topic}: {reason}" for topic, reason in recorded.undefined.items()]
     lines += [f"note        {text}" for text in recorded.source.notes]
     complete = recorded.incomplete is None
     if not complete:

@@ -32,6 +32,7 @@ class Run:
         metadata: texts stored with the run (``version``, ``method``, ``parameters``, etc.).
         parameters: parameters in force, nested as in a scene file; empty if none were stored.
         counts: messages per topic. types: message type per topic.
+        undefined: why a topic cannot be decoded, by its name: its type is not known.
         incomplete: why the recording is incomplete, or None.
     """
 
@@ -50,6 +51,7 @@ class Run:
         self.parameters = _parameters(self.metadata.get("parameters", ""))
         self.counts = {topic: facts.extent.count for topic, facts in self._channels.items()}
         self.types = {topic: facts.type for topic, facts in self._channels.items()}
+        self.undefined = {t: f.reason for t, f in self._channels.items() if not f.definition}
         self._tables: dict[str, Table] = {}
 
     @property
@@ -149,7 +151,7 @@ class Run:
         channel = self._channel(topic)
         name = schema.short_name(channel.type)[0]
         if not channel.definition:
-            raise RecordingError(f"{topic}: its type {channel.type} is not installed here")
+            raise RecordingError(f"{topic}: {channel.reason}")
         try:
             return schema.parse(channel.type, channel.definition), name
         except RecordingError as error:
