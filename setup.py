@@ -52,8 +52,10 @@ MUJOCO = [*FAST, "mujoco>=3.3"]
 BENCH = [*DEMO, *MUJOCO]
 PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; python_version < '3.12'"]
 DOCS = ["furo>=2024.8", "myst-parser>=4", "sphinx>=8.1"]
+BAGS = ["lz4>=4.3", "rosbags>=0.10"]
 TABLES = ["pandas>=2.2", "pyarrow>=16"]
 TEST = [
+    *BAGS,
     *BENCH,
     *DOCS,
     "colcon-common-extensions",
@@ -64,7 +66,6 @@ TEST = [
     "numpy==2.2.*",
     *TABLES,
     "pytest>=8",
-    "rosbags>=0.10",
     "ruff==0.17.*",
     "types-PyYAML",
 ]
@@ -250,6 +251,7 @@ setup(
         "demo": DEMO,
         "bench": BENCH,
         "peers": PEERS,
+        "bags": BAGS,
         "docs": DOCS,
         "tables": TABLES,
         "test": TEST,
