@@ -3,7 +3,8 @@
 BAG is a recorded directory or an .mcap file with poses and twists of the bodies, and their loads if
 there are any, of a real or a simulated joint. Mass and inertia of a free body must be known. The
 parameters are those of the recording or of --params FILE. Parameters that the motion does not
-determine are listed and taken as known. docs/how_to/identify.md explains the method.
+determine are listed and taken as known. docs/how_to/identify.md explains the method. The exit code
+is 1 if the recording does not determine the coefficient, or its motion leaves the joint.
 
 For example: cylconn identify BAG --known radius=0.02 --plot estimate.png
 
@@ -16,12 +17,13 @@ import argparse
 import importlib.util
 import json
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.errors import CommandError
+from cylconn_ros.errors import CommandError, IdentifyError, IndeterminateError
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene.inputs import BODIES, INPUTS
 from cylconn_ros.scene.scene import load
@@ -79,9 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate and report; 0 if the coefficient was estimated."""
+    """Estimate and report; 1 if the recording does not determine the coefficient."""
     _check(options)
-    from cylconn_ros.errors import IdentifyError
     from cylconn_ros.identification.recording import identify
 
     recorded = read_run(options.recording, options.connector)
@@ -90,6 +91,9 @@ def run(options: argparse.Namespace) -> int:
         bar.note("preparing (the first run compiles the physics)")
         try:
             found = identify(recorded, scene, known=dict(options.known), remap=dict(options.topic))
+        except IndeterminateError as error:
+            print(f"cylconn identify: {recorded.path}: {error}", file=sys.stderr)
+            return 1
         except IdentifyError as error:
             raise CommandError(f"{recorded.path}: {error}") from None
     if options.json is not None:
@@ -102,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     if str(options.json) != "-":
         plot = "" if options.plot is not None else "draw the estimate with --plot FILE.png; "
         print(f"\nnext: {plot}put the values into friction.* of a scene")
-    return 0
+    return 1 if found.problem else 0
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -135,6 +139,8 @@ def table(found: Identification) -> list[str]:
     facts += [
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]
+    if found.problem:
+        lines += ["", f"NOT USABLE  {found.problem}"]
     lines += ["", "taken as known: " + ", ".join(facts)]
     if found.misfit > 2.0 and found.noise > _LEAST_NOISE:
         lines.append(
@@ -181,6 +187,7 @@ def as_json(found: Identification) -> dict[str, Any]:
         "left_out": dict(found.skipped),
         "slip_rate_noise": found.noise,
         "misfit": found.misfit,
+        "problem": found.problem,
     }
 
 

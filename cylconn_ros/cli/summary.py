@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.connector.enums import FLAGS, REGIMES
-from cylconn_ros.replay.usable import contradiction
+from cylconn_ros.connector.usable import contradiction
 
 _STICK = 1
 _STOPPED = 128

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.errors import IdentifyError, UnknownNameError
+from cylconn_ros.errors import IdentifyError, IndeterminateError, UnknownNameError
 from cylconn_ros.identification import static
 from cylconn_ros.identification.intervals import Intervals, measure_intervals
 from cylconn_ros.identification.kinetic import (
@@ -92,6 +92,7 @@ class Identification:
         disc: (windows, 2) friction (f1f, m1f/R) over its limit; on the unit circle but for noise.
         law: the fitted law.
         static: static friction.
+        problem: why the estimates are worth nothing: the motion leaves the joint; else empty.
     """
 
     estimates: dict[str, Estimate]
@@ -110,6 +111,7 @@ class Identification:
     disc: Array = dataclasses.field(repr=False)
     law: FrictionLaw
     static: static.StaticFriction = dataclasses.field(repr=False)
+    problem: str = ""
 
     def __getitem__(self, name: str) -> Estimate:
         """Return an estimate by name; raise UnknownNameError if there is none."""
@@ -129,8 +131,8 @@ def estimate_friction(
         samples: complete samples of a motion.
         known: parameters not to be estimated (:data:`PARAMETERS`), with their values in SI units.
 
-    Raises IdentifyError if the motion does not determine the coefficient, SceneError if an inertia
-    is unknown.
+    Raises IndeterminateError if the motion does not determine the coefficient, SceneError if an
+    inertia is unknown.
     """
     known = dict(known or {})
     start = _start(scene, known)
@@ -169,6 +171,7 @@ def estimate_friction(
         / (law.coefficient * law.normal(loads.radial, loads.moment))[:, None],
         law=law,
         static=rest,
+        problem=measured.problem,
     )
 
 
@@ -224,7 +227,8 @@ def _slip_windows(
         rate, deviation = slip_rate(measured, radius)
         threshold = slip_threshold(measured, deviation)
         reasons = ", ".join(f"{count} {name}" for name, count in (+skipped).items())
-        raise IdentifyError(
+        reasons += f"; {measured.problem}" if measured.problem else ""
+        raise IndeterminateError(
             f"too little slip to identify friction: {len(chosen)} windows of slip, at least "
             f"{MIN_WINDOWS} are needed; the slip rate reaches {rate.max():.3g} m/s, the threshold "
             f"is {threshold:.3g} m/s (friction.rest_rate, five times the noise)"
@@ -275,11 +279,11 @@ def _fit_excited(
 
 
 def _refuse_noise(fitted: KineticFit) -> None:
-    """Raise IdentifyError if the coefficient does not differ significantly from zero."""
+    """Raise IndeterminateError if the coefficient does not differ significantly from zero."""
     relative = float(np.sqrt(fitted.covariance[0, 0]))
     if relative > MAX_RELATIVE_DEVIATION:
         mu = fitted.law.coefficient
-        raise IdentifyError(
+        raise IndeterminateError(
             f"no friction shows beyond the noise: mu = {mu:.2g} with a standard deviation of "
             f"{mu * relative:.2g}"
         )

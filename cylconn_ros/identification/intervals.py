@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.core import layout
-from cylconn_ros.errors import IdentifyError
+from cylconn_ros.errors import IdentifyError, IndeterminateError
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
@@ -53,6 +54,7 @@ class Intervals:
         rates: (n, 2) slide m/s and spin rad/s at the end of the interval.
         usable: (n,) bool, the wrench contains friction and constraint only.
         skipped: number of unusable intervals by reason.
+        problem: why all of them are worth nothing: the motion leaves the joint; else empty.
     """
 
     scene: Scene
@@ -62,6 +64,7 @@ class Intervals:
     rates: Array
     usable: Mask
     skipped: Counter[str]
+    problem: str = ""
 
     @property
     def step(self) -> float:
@@ -72,13 +75,14 @@ class Intervals:
 def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Intervals:
     """Compute the forces in the samples of a recording, with the parameters of ``scene``.
 
-    Raises IdentifyError if there are fewer than two samples, or friction cannot be separated from
-    other forces along the slot; SceneError if an inertia is unknown.
+    Raises IndeterminateError if there are fewer than two samples or all are refused, IdentifyError
+    if friction cannot be separated from other forces along the slot, SceneError if an inertia is
+    unknown.
     """
     _check_separable(scene)
     samples = SampleArrays.collect(samples)
     if len(samples) < 2:
-        raise IdentifyError(
+        raise IndeterminateError(
             f"{len(samples)} complete samples: a motion is needed (pose and twist of every moving "
             "body, with the same stamps)"
         )
@@ -99,6 +103,7 @@ def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Interv
     out = np.empty((len(samples), len(_COLUMNS)))
     edges = [*np.flatnonzero(begins).tolist(), len(samples)]
     buffer = np.empty((_BLOCK, layout.NOUT))
+    check = MotionCheck()
     for begin, end in itertools.pairwise(edges):
         connector.reset()
         for at in range(begin, end, _BLOCK):
@@ -106,8 +111,12 @@ def measure_intervals(scene: Scene, samples: Iterable[RecordedSample]) -> Interv
             block = np.ascontiguousarray(samples.samples[rows])
             found = connector.run(block, h[rows], buffer[: len(block)])
             out[rows] = found[:, _COLUMNS]
+            check.add(found)
+    if not check.solved:
+        raise IndeterminateError(check.problem())
     time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
-    return _intervals(scene, out, samples.h, time, begins)
+    measured = _intervals(scene, out, samples.h, time, begins)
+    return dataclasses.replace(measured, problem=check.problem())
 
 
 def _check_separable(scene: Scene) -> None:

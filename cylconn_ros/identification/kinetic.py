@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.errors import IdentifyError
+from cylconn_ros.errors import IndeterminateError
 from cylconn_ros.identification.windows import Windows
 
 Array = NDArray[np.float64]
@@ -174,7 +174,7 @@ def weighted_residuals(
 def fit_law(w: Windows, loads: ContactLoads, start: FrictionLaw, free: Sequence[int]) -> KineticFit:
     """Fit the parameters ``free`` (indices of :data:`NAMES`); the others are held as in ``start``.
 
-    Raises IdentifyError if the traction does not oppose the slip.
+    Raises IndeterminateError if the traction does not oppose the slip.
     """
     from scipy.optimize import least_squares
 
@@ -211,7 +211,7 @@ def fit_law(w: Windows, loads: ContactLoads, start: FrictionLaw, free: Sequence[
     units = np.array(scale[chosen])
     misfit = float(np.square(r).sum() / max(2 * len(w) - len(chosen), 1))
     if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
-        raise IdentifyError("no friction shows: the traction does not oppose the slip")
+        raise IndeterminateError("no friction shows: the traction does not oppose the slip")
     covariance = covariance * np.outer(units, units)
     return KineticFit(law, tuple(chosen), covariance, systematic * units, freedom, misfit)
 

@@ -42,8 +42,8 @@ def identify(
 
     Raises
     ------
-        IdentifyError: the motion does not determine the coefficient, a drive moved the joint, no
-            scene is known, or ``known`` has an invalid name or no value.
+        IdentifyError: the motion does not determine the coefficient (IndeterminateError), a drive
+            moved the joint, no scene is known, or ``known`` has an invalid name or no value.
         RecordingError: the recording cannot be read.
         SceneError: an inertia is unknown.
         ImportError: scipy is not installed.
