@@ -131,8 +131,7 @@ def estimate_friction(
         samples: complete samples of a motion.
         known: parameters not to be estimated (:data:`PARAMETERS`), with their values in SI units.
 
-    Raises IndeterminateError if the motion does not determine the coefficient, SceneError if an
-    inertia is unknown.
+    Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
     known = dict(known or {})
     start = _start(scene, known)
