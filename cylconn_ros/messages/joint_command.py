@@ -10,11 +10,14 @@ until the next command.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from cylconn_ros.errors import CylconnError
+from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.cdr_decoder import JointState
 from cylconn_ros.scene.behaviour import Command, Imposed
+from cylconn_ros.scene.fields import SceneFields
 
 COMPONENTS = ("slide", "spin")
 
@@ -54,19 +57,32 @@ def as_parameters(impositions: dict[str, Imposition]) -> Command:
     return Command(**{name: imposed.parameters() for name, imposed in impositions.items()})
 
 
-def read(message: JointState) -> dict[str, Imposition]:
+def names(scene: SceneFields) -> tuple[str, str]:
+    """Names of slide and spin in messages (``joint_names``)."""
+    return scene.joint_names.slide, scene.joint_names.spin
+
+
+def read_message(data: bytes, scene: SceneFields) -> dict[str, Imposition]:
+    """Impositions by component that a serialized message names; errors as of :func:`read`."""
+    return read(cdr_decoder.read_joint_state(data), names(scene))
+
+
+def read(message: JointState, known: Sequence[str] = COMPONENTS) -> dict[str, Imposition]:
     """Impositions by component that a message names.
+
+    ``known``: names of slide and spin in messages.
 
     Raises JointCommandError, which names component, value and rule, if the message names no
     component, an unknown one or one twice; if an array is neither empty nor as long as the names;
     if a number is infinite; if a motion comes with a force.
     """
     names = message.names
+    slide, spin = known
     if not names:
-        raise JointCommandError("name = []: must name slide, spin or both")
+        raise JointCommandError(f"name = []: must name {slide}, {spin} or both")
     for name in names:
-        if name not in COMPONENTS:
-            raise JointCommandError(f"name = {name!r}: must be slide or spin")
+        if name not in known:
+            raise JointCommandError(f"name = {name!r}: must be {slide} or {spin}")
         if names.count(name) > 1:
             raise JointCommandError(f"name = {name!r}: must not be given twice")
     columns = []
@@ -88,7 +104,7 @@ def read(message: JointState) -> dict[str, Imposition]:
             raise JointCommandError(
                 f"effort of {name} = {force:g}: must not be given with a motion"
             )
-        impositions[name] = Imposition(position, velocity, force)
+        impositions[COMPONENTS[known.index(name)]] = Imposition(position, velocity, force)
     return impositions
 
 

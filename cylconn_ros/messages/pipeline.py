@@ -326,7 +326,7 @@ class MessagePipeline:
     def _command(self, data: bytes) -> None:
         try:
             joint_command.check_access(self.scene.access.frozen)
-            self._impose(joint_command.read(cdr_decoder.read_joint_state(data)))
+            self._impose(joint_command.read_message(data, self.scene))
             self.health.commands += 1
         except joint_command.JointCommandError as error:
             self.health.refused += 1

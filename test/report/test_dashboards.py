@@ -1,4 +1,4 @@
-"""Foxglove and PlotJuggler layouts: every plotted field exists in a published message."""
+"""Layouts of Foxglove, PlotJuggler and RViz: what they show exists in published messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from paths import ROOT
+from scenes import bundled
 
 from cylconn_ros.process.child import private_environment
 from cylconn_ros.recording.message_definitions import interface
@@ -149,6 +151,38 @@ def test_plotjuggler_splits_add_up() -> None:
 def test_a_wrong_path_is_found(topic: str, steps: list[str], why: str) -> None:
     with pytest.raises(AssertionError, match=re.escape(why)):
         check(topic, steps)
+
+
+def test_rviz_shows_topics_of_the_node() -> None:
+    config = yaml.safe_load((ROOT / "dashboards" / "connector.rviz").read_text())
+    displays = config["Visualization Manager"]["Displays"]
+    topics = {display["Topic"]["Value"] for display in displays if "Topic" in display}
+    assert topics == {"/connector/markers"}
+    assert config["Visualization Manager"]["Global Options"]["Fixed Frame"] == "world"
+
+
+def test_the_robot_model_has_the_joints_of_the_connector() -> None:
+    """A prismatic and a turning joint about the slot, from the frame of body A to that of B."""
+    scene = bundled("slide_and_spin")
+    model = ElementTree.parse(ROOT / "dashboards" / "shaft_and_sleeve.urdf").getroot()
+    links = {link.attrib["name"] for link in model.iter("link")}
+    joints = {joint.attrib["name"]: joint for joint in model.iter("joint")}
+
+    def ends(name: str) -> tuple[str, str]:
+        found = [joints[name].find(end) for end in ("parent", "child")]
+        first, second = (end.attrib["link"] for end in found if end is not None)
+        assert {first, second} <= links
+        return first, second
+
+    slide, spin = scene.joint_names.slide, scene.joint_names.spin
+    assert ends("shaft_in_world") == (scene.world_frame, scene.body_a.frame)
+    assert (ends(slide)[0], ends(spin)[1]) == (scene.body_a.frame, scene.body_b.frame)
+    assert ends(slide)[1] == ends(spin)[0]
+    for name, kind in ((slide, "prismatic"), (spin, "continuous")):
+        axis = joints[name].find("axis")
+        assert joints[name].attrib["type"] == kind
+        assert axis is not None
+        assert axis.attrib["xyz"] == "1 0 0"
 
 
 # The guide
