@@ -193,12 +193,14 @@ GUIDE = (ROOT / "docs" / "how_to" / "dashboards.md").read_text()
 def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
     blocks = re.findall(r"^```sh\n(.*?)^```", GUIDE, re.DOTALL | re.MULTILINE)
     assert len(blocks) == 3
+    # If a command fails, the ones in the background end too: they hold the pipe of the output.
+    end = "trap 'kill $(jobs -p) 2>/dev/null || :' EXIT"
     environment = {
         **private_environment(),
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
     }
     done = subprocess.run(
-        ["bash", "-euc", "\n".join(blocks)],
+        ["bash", "-euc", "\n".join([end, *blocks])],
         cwd=tmp_path,
         env=environment,
         stdout=subprocess.PIPE,
