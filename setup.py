@@ -52,7 +52,10 @@ MUJOCO = [*FAST, "mujoco>=3.3"]
 BENCH = [*DEMO, *MUJOCO]
 PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; python_version < '3.12'"]
 DOCS = ["furo>=2024.8", "myst-parser>=4", "sphinx>=8.1"]
+BAGS = ["lz4>=4.3", "rosbags>=0.10"]
+TABLES = ["pandas>=2.2", "pyarrow>=16"]
 TEST = [
+    *BAGS,
     *BENCH,
     *DOCS,
     "colcon-common-extensions",
@@ -61,9 +64,8 @@ TEST = [
     # Pinned, because findings depend on the version of the tool and of NumPy's types.
     "mypy==2.4.*",
     "numpy==2.2.*",
-    "pandas>=2.2",
+    *TABLES,
     "pytest>=8",
-    "rosbags>=0.10",
     "ruff==0.17.*",
     "types-PyYAML",
 ]
@@ -235,14 +237,23 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_dir={"": "."},
     package_data={NAME: ["py.typed"]},
-    install_requires=[*ROS, "mcap>=1.1", "numpy>=1.26", "pyyaml>=6", "zstandard>=0.22"],
+    install_requires=[
+        *ROS,
+        "bokeh>=3.4",
+        "mcap>=1.1",
+        "numpy>=1.26",
+        "pyyaml>=6",
+        "zstandard>=0.22",
+    ],
     extras_require={
         "fast": FAST,
         "mujoco": MUJOCO,
         "demo": DEMO,
         "bench": BENCH,
         "peers": PEERS,
+        "bags": BAGS,
         "docs": DOCS,
+        "tables": TABLES,
         "test": TEST,
     },
     entry_points={

@@ -33,7 +33,14 @@ if TYPE_CHECKING:
         Stops,
     )
     from cylconn_ros.scene.bodies import Body, Node, PlantBody, PlantSettings, Reference
-    from cylconn_ros.scene.outputs import Access, Limits, QualityOfService, Record, Wrench
+    from cylconn_ros.scene.outputs import (
+        Access,
+        JointNames,
+        Limits,
+        QualityOfService,
+        Record,
+        Wrench,
+    )
     from cylconn_ros.scene.resources import shipped, shipped_scenes
     from cylconn_ros.scene.scene import Scene, load
     from cylconn_ros.simulation.run import Run
@@ -71,6 +78,7 @@ _MODULES = {
     ),
     "scene.outputs": (
         "Access",
+        "JointNames",
         "Wrench",
         "Limits",
         "QualityOfService",
@@ -96,6 +104,7 @@ __all__ = [
     "FrictionTable",
     "IdentifyError",
     "Imposed",
+    "JointNames",
     "Limits",
     "Lock",
     "Node",

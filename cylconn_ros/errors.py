@@ -22,7 +22,11 @@ class ModelError(CylconnError, ValueError):
 
 
 class IdentifyError(CylconnError):
-    """A recording does not determine what was asked; the message says what it lacks."""
+    """Friction cannot be identified; the message says what is missing or in the way."""
+
+
+class IndeterminateError(IdentifyError):
+    """A recorded motion does not determine the friction; the message says what it lacks."""
 
 
 class RecordingError(CylconnError):

@@ -3,7 +3,8 @@
 BAG is a recorded directory or an .mcap file with poses and twists of the bodies, and their loads if
 there are any, of a real or a simulated joint. Mass and inertia of a free body must be known. The
 parameters are those of the recording or of --params FILE. Parameters that the motion does not
-determine are listed and taken as known. docs/how_to/identify.md explains the method.
+determine are listed and taken as known. docs/how_to/identify.md explains the method. The exit code
+is 1 if the recording does not determine the coefficient, or its motion leaves the joint.
 
 For example: cylconn identify BAG --known radius=0.02 --plot estimate.png
 
@@ -16,13 +17,14 @@ import argparse
 import importlib.util
 import json
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.identify_axis import axis_report
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.errors import CommandError
+from cylconn_ros.errors import CommandError, IdentifyError, IndeterminateError
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene.inputs import BODIES, INPUTS
 from cylconn_ros.scene.scene import load
@@ -107,12 +109,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate and report.
 
-    Exit codes: 1 if the values are withheld, 2 if nothing can be estimated.
+    Exit codes: 1 if the values are withheld or the recording does not determine the coefficient.
     """
     _check(options)
     if options.axis:
         return axis_report(options.axis, [options.recording, *options.others], options.json)
-    from cylconn_ros.errors import IdentifyError
     from cylconn_ros.identification.recording import identify
 
     recorded = read_run(options.recording, options.connector)
@@ -124,6 +125,9 @@ def run(options: argparse.Namespace) -> int:
                 recorded, scene, known=dict(options.known), remap=dict(options.topic),
                 drive=options.drive, others=options.others,
             )  # fmt: skip
+        except IndeterminateError as error:
+            print(f"cylconn identify: {recorded.path}: {error}", file=sys.stderr)
+            return 1
         except IdentifyError as error:
             raise CommandError(f"{recorded.path}: {error}") from None
     if options.json is not None:
@@ -243,6 +247,7 @@ def as_json(found: Identification) -> dict[str, Any]:
         "left_out": dict(found.skipped),
         "slip_rate_noise": found.noise,
         "misfit": found.misfit,
+        "problem": found.problem,
     }
 
 

@@ -1,10 +1,12 @@
 """Show the contents of a recorded run: topics, counts, method, results and time curves.
 
 RUN is a recorded directory (with metadata.yaml) or an .mcap file. One line per quantity draws its
-curve from the smallest to the largest value; violations have a logarithmic scale. The exit code is
-1 if the recording is incomplete or a topic has undecodable messages.
+curve from the smallest to the largest value; violations have a logarithmic scale. --csv and
+--parquet also write a topic as a table, by default the states; its columns have the names of the
+message's fields. The exit code is 1 if the recording is incomplete or a topic has undecodable
+messages.
 
-For example: cylconn info runs/demo_20250101T120000Z/connector
+For example: cylconn info runs/demo_20250101T120000Z/connector --csv states.csv
 
 Next: make a page of the run with cylconn report RUN, or check it with cylconn laws --run RUN.
 """
@@ -15,7 +17,8 @@ import argparse
 import math
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +27,8 @@ import numpy.typing as npt
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.summary import FIELDS, GREATEST, Reduction, RunSummary
 from cylconn_ros.connector.enums import REGIMES
-from cylconn_ros.errors import RecordingError
+from cylconn_ros.errors import CommandError, RecordingError
+from cylconn_ros.recording import export
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.table import STAMP
 from cylconn_ros.report.sparkline import BLOCKS, PLAIN, regime_strip, sparkline
@@ -36,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     add_recording(parser, "recording", "RUN")
     add_connector(parser)
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write a topic as CSV")
+    parser.add_argument(
+        "--parquet", type=Path, metavar="FILE", help="write a topic as Parquet (needs pyarrow)"
+    )
+    parser.add_argument(
+        "--topic", default="", metavar="NAME", help="topic to write (default: the states)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -48,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
         lines.append(f"recovered {recorded.metadata['salvaged']}")
     lines += _topics(recorded)
     lines += [f"left out    {topic}: {reason}" for topic, reason in recorded.left_out.items()]
+    lines += [f"not decoded {topic}: {reason}" for topic, reason in recorded.undefined.items()]
     lines += [f"note        {text}" for text in recorded.source.notes]
     complete = recorded.incomplete is None
     if not complete:
@@ -59,8 +71,27 @@ def run(options: argparse.Namespace) -> int:
         lines.append("NO MESSAGE  nothing of the recording can be read")
     states, problem = _states(recorded)
     print("\n".join(lines + states))
+    for line in _export(recorded, options):
+        print(line)
     print(_next(recorded, complete))
     return 0 if complete and not undecodable and not empty and not problem else 1
+
+
+def _export(recorded: Run, options: argparse.Namespace) -> Iterator[str]:
+    """Write the tables asked for; one line for each."""
+    if not (options.csv or options.parquet):
+        if options.topic:
+            raise CommandError("--topic names the topic to write: it needs --csv or --parquet")
+        return
+    topic = recorded.topic(options.topic) if options.topic else recorded.state_topic
+    for path, write in ((options.csv, export.write_csv), (options.parquet, export.write_parquet)):
+        if path is None:
+            continue
+        layout = write(lambda: recorded.read_blocks(topic), path)
+        columns = len(layout.kinds())
+        yield f"written     {path}  ({layout.rows} rows, {columns} columns of {topic})"
+        for name in layout.left_out:
+            yield f"left out    {name}: more than {export.LONGEST} values per message"
 
 
 def _next(recorded: Run, complete: bool) -> str:

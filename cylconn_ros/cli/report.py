@@ -25,6 +25,8 @@ from cylconn_ros.report import gather, page, payload
 from cylconn_ros.report.page import Fact
 
 _CLOCK_NS = 10**17  # larger stamps are dates (from 1973 on), smaller ones simulated time
+_MOST_OFFSET = 0.01  # m, if the run has no friction radius
+_MOST_MISALIGNMENT = 0.1  # rad
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -99,15 +101,25 @@ def facts(found: RunSummary, recorded: Run) -> list[Fact]:
     shares = [f"{share:.1%} {name}" for name, share in found.regimes.items()]
     shares.sort(key=lambda text: -float(text.split("%")[0]))
     rest = found.stop_time
+    radius = recorded.parameters.get("friction.radius", 0.0)
+    # Beyond these the sleeve is no longer on the shaft; not finite is beyond them, too.
+    most_offset = radius if isinstance(radius, float) and radius > 0.0 else _MOST_OFFSET
+    apart = not found.worst_offset <= most_offset
+    askew = not found.worst_misalignment <= _MOST_MISALIGNMENT
     listed = [
         Fact("samples", f"{found.samples:,}".replace(",", " "), f"over {found.duration:.6g} s"),
         Fact("regime", shares[0], ", ".join(shares[1:])),
         Fact("slide at the end", f"{found.distance:.6g} m"),
         Fact("spin at the end", f"{found.turns:.6g} turns"),
         Fact("at rest from", "not at the end" if math.isnan(rest) else f"{rest:.6g} s"),
-        Fact("worst offset", f"{found.worst_offset * 1e3:.3g} mm"),
-        Fact("worst misalignment", f"{found.worst_misalignment * 1e3:.3g} mrad"),
-        Fact("worst residual", f"{found.worst_residual:.2g}", "of the equations"),
+        Fact("worst offset", f"{found.worst_offset * 1e3:.3g} mm", bad=apart),
+        Fact("worst misalignment", f"{found.worst_misalignment * 1e3:.3g} mrad", bad=askew),
+        Fact(
+            "worst residual",
+            f"{found.worst_residual:.2g}",
+            "of the equations",
+            bad=not math.isfinite(found.worst_residual),
+        ),
     ]
     if found.flags:
         flags = ", ".join(f"{name} {count}" for name, count in found.flags.items())

@@ -183,6 +183,7 @@ def keep(result: Run, scene: Scene, output: Path) -> None:
 
 def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]) -> None:
     """Write the messages of the nodes as a recorded run; log times are the stamps."""
+    from cylconn_ros.messages import joint_command
     from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
     from cylconn_ros.recording.metadata import TopicInfo
     from cylconn_ros.recording.writer import RunWriter
@@ -207,7 +208,7 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
     topics.append(TopicInfo("/connector/state", "cylconn_ros/msg/ConnectorState"))
     topics.append(TopicInfo("/connector/joint_state", "sensor_msgs/msg/JointState"))
     states = StateWriter(scene.body_a.frame, result.connector.method)
-    joints = JointStateWriter(scene.body_a.frame, ("slide", "spin"))
+    joints = JointStateWriter(scene.body_a.frame, joint_command.names(scene))
     with RunWriter(output, topics, metadata, scene.record.compression) as writer:
         for k, time in enumerate(result.time):
             stamp = round(time * 1e9)

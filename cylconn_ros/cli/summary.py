@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.connector.enums import FLAGS, REGIMES
-from cylconn_ros.replay.usable import contradiction
+from cylconn_ros.connector.usable import contradiction
 
 _STICK = 1
 _STOPPED = 128
@@ -30,7 +30,7 @@ class RunSummary:
     worst_misalignment: float  # rad
     worst_residual: float
     refused: int  # samples with a zero wrench (status not OK)
-    regimes: dict[str, float]  # share of the samples in each regime that occurs
+    regimes: dict[str, float]  # share of the samples in each regime that occurs, and refused
     flags: dict[str, int]  # samples with each flag that occurs, except "stopped"
     greatest: dict[str, float]  # largest magnitude of the quantities in GREATEST
     problem: str = ""  # why the run is worth nothing: all refused, or it left the joint
@@ -88,7 +88,7 @@ class Reduction:
         self._end = float(time[-1])
         self._samples += len(time)
         regime, flags = np.asarray(state["regime"]), np.asarray(state["flags"]).astype(np.int64)
-        solved = np.asarray(state["status"]) == 0
+        solved = np.asarray(state["status"]) == 0  # a refused sample has no regime
         self._regimes += [np.count_nonzero(regime[solved] == k) for k in range(len(REGIMES))]
         self._flags += [np.count_nonzero(flags & (1 << bit)) for bit in range(len(FLAGS))]
         self._refused += int(np.count_nonzero(state["status"]))
@@ -132,7 +132,8 @@ class Reduction:
 
     def result(self) -> RunSummary:
         """Summary of all states added; needs at least one."""
-        shares = zip(REGIMES, self._regimes / self._samples, strict=True)
+        counts = [*self._regimes, self._refused]
+        shares = zip((*REGIMES, "refused"), np.array(counts) / self._samples, strict=True)
         return RunSummary(
             samples=self._samples,
             duration=self._end - self._begin,
@@ -154,7 +155,7 @@ class Reduction:
         )
 
     def _stop_time(self) -> float:
-        """Begin of the last rest, s: the interpolated time of the step that comes to rest.
+        """Begin of the last rest, s; NaN if the last sample does not stick.
 
         Without such a step (a method that does not interpolate, or a run that is at rest from the
         beginning), it is the first sample of the stick that lasts until the end.

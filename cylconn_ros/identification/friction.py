@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.errors import IdentifyError, UnknownNameError
+from cylconn_ros.errors import IdentifyError, IndeterminateError, UnknownNameError
 from cylconn_ros.identification import static
 from cylconn_ros.identification.estimates import (
     Estimate,
@@ -138,8 +138,7 @@ def estimate_friction(
         drive: (n, 2) force and moment of a known drive over the interval that ends with each
             sample; default: the constant one of the scene.
 
-    Raises IdentifyError if the motion does not determine the coefficient, SceneError if an inertia
-    is unknown.
+    Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
     known = dict(known or {})
     start = _start(scene, known)
@@ -162,6 +161,8 @@ def estimate_friction(
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
     doubts, remarks = _judge_noise(taken, noise, delay)
+    if measured.problem:
+        doubts = (measured.problem, *doubts)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
     if not rejected and (spread := unexplained_spread(data, fitted)):
         doubts += (spread,)
@@ -267,7 +268,8 @@ def _slip_windows(
         rate, deviation = slip_rate(measured, radius)
         threshold = slip_threshold(measured, deviation)
         reasons = ", ".join(f"{count} {name}" for name, count in (+skipped).items())
-        raise IdentifyError(
+        reasons += f"; {measured.problem}" if measured.problem else ""
+        raise IndeterminateError(
             f"too little slip to identify friction: {len(chosen)} windows of slip, at least "
             f"{MIN_WINDOWS} are needed; the slip rate reaches {rate.max():.3g} m/s, the threshold "
             f"is {threshold:.3g} m/s (friction.rest_rate, five times the noise)"
@@ -277,17 +279,17 @@ def _slip_windows(
 
 
 def _refuse_noise(choice: Choice) -> None:
-    """Raise IdentifyError if the coefficient does not differ significantly from zero."""
+    """Raise IndeterminateError if the coefficient does not differ significantly from zero."""
     relative = choice.fitted.deviation(COEFFICIENT)
     if relative > MAX_RELATIVE_DEVIATION:
         mu = choice.fitted.law.coefficient
         seen = f"mu = {mu:.2g} with a standard deviation of {mu * relative:.2g}"
         if choice.terms:
-            raise IdentifyError(
+            raise IndeterminateError(
                 f"the motion does not separate the coefficient from {', '.join(choice.terms)}: "
                 f"{seen}; record slower and faster slip under several loads"
             )
-        raise IdentifyError(f"no friction shows beyond the noise: {seen}")
+        raise IndeterminateError(f"no friction shows beyond the noise: {seen}")
 
 
 def _coarse_change(

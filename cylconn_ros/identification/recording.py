@@ -61,7 +61,8 @@ def identify(
 
     Raises
     ------
-        IdentifyError: the motion does not determine the coefficient, a command imposed a motion, no
+        IdentifyError: the motion does not determine the coefficient
+            (IndeterminateError), a command imposed a motion, no
             scene is known, or ``known`` has an invalid name or no value.
         RecordingError: the recording cannot be read.
         SceneError: an inertia is unknown.

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from cylconn_ros.errors import CylconnError, SceneError
+from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.cdr_decoder import JointState
 from cylconn_ros.scene.behaviour import Command, Imposed
+from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.scene import Scene
 
 COMPONENTS = ("slide", "spin")
@@ -68,23 +70,43 @@ def as_parameters(impositions: dict[str, Imposition], scene: Scene) -> Scene:
     return dataclasses.replace(scene, command=command)
 
 
+def names(scene: SceneFields) -> tuple[str, str]:
+    """Names of slide and spin in messages (``joint_names``)."""
+    return scene.joint_names.slide, scene.joint_names.spin
+
+
+def _anything(*_: object) -> None:
+    """Accept every imposition."""
+
+
+def read_message(
+    data: bytes, scene: SceneFields, check: Callable[..., None] = _anything
+) -> dict[str, Imposition]:
+    """Impositions by component that a serialized message names; ``check`` and errors of read."""
+    return read(cdr_decoder.read_joint_state(data), names(scene), check)
+
+
 def read(
-    message: JointState, check: Callable[..., None] = lambda *_: None
+    message: JointState,
+    known: Sequence[str] = COMPONENTS,
+    check: Callable[..., None] = _anything,
 ) -> dict[str, Imposition]:
     """Impositions by component that a message names.
 
-    check: raises SceneError for a component and an imposition that the connector cannot carry out.
+    known: names of slide and spin in messages. check: raises SceneError for a component and an
+    imposition that the connector cannot carry out.
 
     Raises JointCommandError, which names component, value and rule, if the message names no
     component, an unknown one or one twice; if an array is neither empty nor as long as the names;
     if a number is infinite; if the effort of a motion, its greatest force, is not above 0.
     """
     names = message.names
+    slide, spin = known
     if not names:
-        raise JointCommandError("name = []: must name slide, spin or both")
+        raise JointCommandError(f"name = []: must name {slide}, {spin} or both")
     for name in names:
-        if name not in COMPONENTS:
-            raise JointCommandError(f"name = {name!r}: must be slide or spin")
+        if name not in known:
+            raise JointCommandError(f"name = {name!r}: must be {slide} or {spin}")
         if names.count(name) > 1:
             raise JointCommandError(f"name = {name!r}: must not be given twice")
     columns = []
@@ -102,15 +124,16 @@ def read(
         columns.append(array or (math.nan,) * len(names))
     impositions = {}
     for name, position, velocity, force in zip(names, *columns, strict=True):
+        component = COMPONENTS[known.index(name)]
         if math.isnan(position) and math.isnan(velocity):
-            impositions[name] = Imposition(position, velocity, force)
+            impositions[component] = Imposition(position, velocity, force)
             continue
         if force <= 0.0:
             raise JointCommandError(
                 f"effort of {name} = {force:g}: must be > 0 with a motion, whose greatest force it "
                 "is, or NaN for that of the parameters"
             )
-        impositions[name] = Imposition(position, velocity, math.nan, force)
+        impositions[component] = Imposition(position, velocity, math.nan, force)
     try:
         for name, imposition in impositions.items():
             check(name, *imposition)

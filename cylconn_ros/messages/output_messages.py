@@ -40,7 +40,7 @@ class OutputMessages:
         frames = [scene.world_frame if world_axes else body.frame for body in scene.bodies]
         self._wrenches = [StampedWriter(frame) for frame in frames]
         self._state = StateWriter(scene.body_a.frame, method)
-        self._joints = JointStateWriter(scene.body_a.frame, joint_command.COMPONENTS)
+        self._joints = JointStateWriter(scene.body_a.frame, joint_command.names(scene))
         self.templates = MessageTemplates(
             [
                 *(writer.write(0, np.zeros(6)) for writer in self._wrenches),

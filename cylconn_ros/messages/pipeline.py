@@ -325,8 +325,8 @@ class MessagePipeline:
     def _command(self, data: bytes) -> None:
         try:
             joint_command.check_access(self.scene.access.frozen)
-            message = cdr_decoder.read_joint_state(data)
-            self._impose(joint_command.read(message, self.connector.check_imposed))
+            check = self.connector.check_imposed
+            self._impose(joint_command.read_message(data, self.scene, check))
             self.health.commands += 1
         except joint_command.JointCommandError as error:
             self.health.refused += 1

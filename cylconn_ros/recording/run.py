@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.recording import connector_part, schema
+from cylconn_ros.recording import connector_part, export, schema
 from cylconn_ros.recording.columns import concatenate, has_columns, of_block
 from cylconn_ros.recording.files.source import Paths, Source, TopicFacts
 from cylconn_ros.recording.table import Table
 from cylconn_ros.scene import limited_yaml
+
+if TYPE_CHECKING:
+    import pandas
 
 _STATE_TYPE = "cylconn_ros/msg/ConnectorState"
 _UNFINISHED = "never finished, its end is missing"
@@ -29,6 +32,7 @@ class Run:
         metadata: texts stored with the run (``version``, ``method``, ``parameters``, etc.).
         parameters: parameters in force, nested as in a scene file; empty if none were stored.
         counts: messages per topic. types: message type per topic.
+        undefined: why a topic cannot be decoded, by its name: its type is not known.
         incomplete: why the recording is incomplete, or None.
     """
 
@@ -47,6 +51,7 @@ class Run:
         self.parameters = _parameters(self.metadata.get("parameters", ""))
         self.counts = {topic: facts.extent.count for topic, facts in self._channels.items()}
         self.types = {topic: facts.type for topic, facts in self._channels.items()}
+        self.undefined = {t: f.reason for t, f in self._channels.items() if not f.definition}
         self._tables: dict[str, Table] = {}
 
     @property
@@ -130,11 +135,23 @@ class Run:
             self._tables[topic] = Table(topic, kind, log_time, publish_time, found, undecodable)
         return self._tables[topic]
 
+    def to_dataframe(self, topic: str = "") -> pandas.DataFrame:
+        """A topic as a pandas DataFrame with ``time`` as the index, s since the first stamp.
+
+        The columns have the names of the message's fields, ``header.stamp.sec`` for nested ones;
+        an array becomes columns ``force[0]``, ``force[1]``. Raises RecordingError if pandas is
+        not installed, or the topic is unknown or has no columns.
+
+        Args:
+            topic: name of the topic; default: that of the connector's states.
+        """
+        return export.to_dataframe(self.table(topic or self.state_topic))
+
     def _schema(self, topic: str) -> tuple[schema.Schema, str]:
         channel = self._channel(topic)
         name = schema.short_name(channel.type)[0]
         if not channel.definition:
-            raise RecordingError(f"{topic}: its type {channel.type} is not installed here")
+            raise RecordingError(f"{topic}: {channel.reason}")
         try:
             return schema.parse(channel.type, channel.definition), name
         except RecordingError as error:

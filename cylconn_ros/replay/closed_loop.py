@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.messages import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
 from cylconn_ros.scene.scene import Scene
@@ -58,7 +58,7 @@ def recorded_motion(run: Run, scene: Scene, remap: dict[str, str] | None = None)
             f"{run.path}: no state to start from: {len(found)} complete samples "
             "(pose and twist with the same stamp)"
         )
-    return Motion(found, _commands(run, found))
+    return Motion(found, _commands(run, scene))
 
 
 def along(scene: Scene, motion: Motion) -> Array:
@@ -116,7 +116,7 @@ def simulate_from(scene: Scene, motion: Motion, progress: Progress | None = None
     return simulated.Run(scene, time, rows[:, layout.MOTION], outs, energy, connector, plant)
 
 
-def _commands(run: Run, samples: SampleArrays) -> Commands:
+def _commands(run: Run, scene: Scene) -> Commands:
     """Read the commands with the time of each since the first sample, ns."""
     names = {run.names.get(_COMMAND), f"{run.metadata.get('node', '/connector')}/command"}
     topic = next((t for t in run.types if t in names and run.counts[t]), None)
@@ -130,7 +130,7 @@ def _commands(run: Run, samples: SampleArrays) -> Commands:
     found: Commands = []
     for log_time, _, data in run.raw(topic):
         try:
-            content = joint_command.read(cdr_decoder.read_joint_state(data))
+            content = joint_command.read_message(data, scene)
         except ValueError:
             continue
         found.append((log_time - first, content))

@@ -15,6 +15,7 @@ import numpy as np
 
 from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
+from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
@@ -23,7 +24,6 @@ from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.replay.batches import Batch, Batches
-from cylconn_ros.replay.usable import MotionCheck
 from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
 from cylconn_ros.scene.scene import Scene
 

@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 import html
+import importlib.util
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cylconn_ros.errors import RecordingError
+
 _STATIC = Path(__file__).parent / "static"
+_LIBRARY = ("bokeh", "bokeh-api")
 _SCRIPTS = ("data", "axis", "chart", "events", "plane", "solid", "scene", "cursor", "main")
+
+
+def library() -> str:
+    """Return the script of BokehJS, core and plotting interface, for a script element.
+
+    It is read from the installed package without importing it, which would take a second.
+
+    Raises
+    ------
+    RecordingError
+        Bokeh is not installed.
+
+    """
+    found = importlib.util.find_spec("bokeh")
+    if found is None or found.origin is None:
+        raise RecordingError("the report page needs the package bokeh: pip install bokeh")
+    folder = Path(found.origin).parent / "server" / "static" / "js"
+    texts = [(folder / f"{name}.min.js").read_text(encoding="utf-8") for name in _LIBRARY]
+    return "\n".join(texts).replace("</script", "<\\/script")
 
 
 @dataclass(frozen=True)
@@ -60,6 +83,7 @@ def render(
         "script": "\n".join(
             (_STATIC / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS
         ),
+        "library": library(),
         # Within a script element only `<` can end the element or start a comment.
         "head": json.dumps(head, allow_nan=False).replace("<", "\\u003c"),
         "numbers": numbers,

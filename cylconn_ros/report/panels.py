@@ -44,7 +44,7 @@ class Curve:
         colour: a name in page.css.
         values: (n,) values to draw, in the panel's unit.
         style: line, thin, dashed, or area (filled down to the previous curve).
-        always: drawn even if it is zero throughout.
+        always: drawn even if it is zero throughout and another curve of the panel is not.
         reading: (n,) values of the legend if they differ from the drawn ones (stacked areas).
     """
 
@@ -210,13 +210,17 @@ PANELS = (
 
 
 def visible_panels(
-    radius: float, has_data: Callable[[Curve], bool], constant: bool
+    radius: float,
+    has_data: Callable[[Curve], bool],
+    is_zero: Callable[[Curve], bool],
+    constant: bool,
 ) -> tuple[list[Panel], list[str]]:
     """Return the panels with their non-zero curves, and the titles of the panels that are all zero.
 
     Args:
         radius: R of the states, m; NaN: friction is not modelled.
-        has_data: whether a curve has finite values and is not zero throughout.
+        has_data: whether a curve has finite values and is to be drawn beside others.
+        is_zero: whether a curve is zero throughout; a panel of such curves is omitted.
         constant: whether the friction coefficient is constant; its panel is then omitted.
     """
     panels, empty = [], []
@@ -228,7 +232,7 @@ def visible_panels(
             continue  # it is among the parameters
         if panel.key == "speed" and len(curves) == 1:
             panel = replace(panel, title="Velocity along the slot")
-        if [curve.label for curve in curves] == ["total"]:
+        if [curve.label for curve in curves] == ["total"] or all(map(is_zero, curves)):
             curves = ()
         if curves:
             panels.append(replace(panel, curves=curves))

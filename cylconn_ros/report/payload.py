@@ -74,7 +74,9 @@ def build_payload(found: RunData, buckets: int = BUCKETS) -> tuple[dict[str, Any
     if reduced.not_finite:
         fields = len(reduced.not_finite)
         found.notes.append(f"Fields with values that are not finite (drawn blank): {fields}.")
-    panels, empty = visible_panels(found.radius, reduced.has_data, reduced.constant)
+    panels, empty = visible_panels(
+        found.radius, reduced.has_data, reduced.is_zero, reduced.constant
+    )
     head = {
         "samples": count,
         "whole": whole,
@@ -149,9 +151,13 @@ class _Reduction:
     def has_data(self, curve: Curve) -> bool:
         """Return whether a curve has finite values and is to be drawn."""
         found = self.curves[curve, curve.reading is not None]
+        return bool(np.isfinite(found.low).any()) and (curve.always or not self.is_zero(curve))
+
+    def is_zero(self, curve: Curve) -> bool:
+        """Return whether a curve is zero throughout, except in samples that are not finite."""
+        found = self.curves[curve, curve.reading is not None]
         finite = np.isfinite(found.low)
-        zero = (found.low[finite] == 0.0) & (found.high[finite] == 0.0)
-        return bool(finite.any()) and (curve.always or not zero.all())
+        return bool(((found.low[finite] == 0.0) & (found.high[finite] == 0.0)).all())
 
 
 def _panel(packer: Packer, panel: Panel, reduced: _Reduction, whole: bool) -> dict[str, Any]:

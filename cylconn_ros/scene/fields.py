@@ -25,7 +25,7 @@ from cylconn_ros.scene.behaviour import (
 )
 from cylconn_ros.scene.bodies import Body, Node, PlantSettings, Reference
 from cylconn_ros.scene.inputs import MODES
-from cylconn_ros.scene.outputs import Access, Limits, QualityOfService, Record, Wrench
+from cylconn_ros.scene.outputs import Access, JointNames, Limits, QualityOfService, Record, Wrench
 from cylconn_ros.scene.schema import Parameter, Value, describe, group, parameter
 
 
@@ -151,6 +151,7 @@ class SceneFields:
     qos: QualityOfService = group(QualityOfService)
     record: Record = group(Record)
     access: Access = group(Access)
+    joint_names: JointNames = group(JointNames)
     markers: bool = parameter(
         False, read_only=True, doc="Publish ~/markers: shaft, sleeve and force, for RViz."
     )

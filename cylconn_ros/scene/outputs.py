@@ -53,6 +53,23 @@ class Limits:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class JointNames:
+    """Names of slide and spin in ~/joint_state and ~/command, as in a robot model.
+
+    Example::
+
+        scene = scene.replace({"joint_names": {"slide": "left_rail", "spin": "left_axle"}})
+    """
+
+    slide: str = parameter(
+        "slide", read_only=True, doc="Name of the slide in ~/joint_state and ~/command."
+    )
+    spin: str = parameter(
+        "spin", read_only=True, doc="Name of the spin in ~/joint_state and ~/command."
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class QualityOfService:
     """Quality of service of the node's inputs.
 

@@ -37,11 +37,21 @@ def check(scene: SceneFields) -> None:
     _check_observe(scene)
     _check_served(scene)
     _check_constraint(scene)
+    _check_joint_names(scene)
     if scene.period > 0.0 and scene.stamp_tolerance >= 0.5 * scene.period:
         raise SceneError(
             f"stamp_tolerance = {show(scene.stamp_tolerance)}: must be less than half the period "
             f"({show(scene.period)} s), or two samples could not be distinguished"
         )
+
+
+def _check_joint_names(scene: SceneFields) -> None:
+    names = scene.joint_names
+    for component in ("slide", "spin"):
+        if not getattr(names, component):
+            raise SceneError(f"joint_names.{component} = '': must not be empty")
+    if names.slide == names.spin:
+        raise SceneError(f"joint_names: slide and spin must differ, both are {show(names.slide)}")
 
 
 def _traits(scene: SceneFields) -> MethodTraits:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import browser
 from scenes import bundled
 
 from cylconn_ros.bench.common import results
@@ -23,12 +24,13 @@ from cylconn_ros.bench.common.results import (
 )
 from cylconn_ros.bench.peers.common import Joint
 from cylconn_ros.bench.peers.registry import SOLVERS
-from cylconn_ros.bench.precision import cases, pareto, picture, text
+from cylconn_ros.bench.precision import cases, page, pareto, picture, text
 from cylconn_ros.bench.precision.cases import CASES, ERROR
 from cylconn_ros.bench.precision.pareto import Point
 from cylconn_ros.bench.precision.trials import COST
 from cylconn_ros.bench.step_cost import features
 from cylconn_ros.cli import main
+from cylconn_ros.report.page import library
 from cylconn_ros.simulation.plant import Plant
 from cylconn_ros.simulation.simulate import simulate
 
@@ -256,15 +258,48 @@ def test_stored_results_are_drawn_and_written(
     svg = (folder / "precision.svg").read_text()
     assert "unbalanced sleeve" in svg
     assert "minimal" in svg
-    page = (folder / "precision.html").read_text()
-    embedded = json.loads(page.partition("const data = ")[2].partition(", off = new Set")[0])
+    drawn = (folder / "precision.html").read_text().replace(library(), "")
+    embedded = json.loads(drawn.partition("const data = ")[2].partition(", off = new Set")[0])
     assert embedded["cases"][0]["rows"]["penalty"] == [[1e-3, 0.5, None, "diverged", None, None]]
-    assert "http" not in page.replace("http://www.w3.org/2000/svg", ""), "no network"
+    assert "://" not in drawn, "no network"
     assert "PyBullet" in text.read_text()
     capsys.readouterr()
     assert main.main(["bench", "model", "--from", str(file)]) == main.USAGE_ERROR
     assert "holds results of cylconn bench precision" in capsys.readouterr().err
     assert main.main(["bench", "model", "--pictures", str(folder)]) == main.USAGE_ERROR
+
+
+def test_the_page_in_a_browser(tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(page.page(some_report()))
+    with browser(tmp_path) as opened:
+        opened.send("Page.navigate", url=path.as_uri())
+        while "Page.loadEventFired" not in opened.events:
+            opened.run("1")
+        assert opened.run("ready.then(() => Object.keys(glyphs).length)") == 5
+        assert opened.run("glyphs['penalty'][1].data_source.data.error") == ["failed: diverged"]
+        # the numbers of the point at the pointer
+        x, y = opened.run(
+            "ready.then((view) => { const { x, y } = glyphs['impulse'][0].data_source.data;"
+            " const { x_scale, y_scale } = view.frame, box = at('plot').getBoundingClientRect();"
+            " return [box.left + x_scale.compute(x[0]), box.top + y_scale.compute(y[0])]; })"
+        )
+        for by in (-9, -3, 0):
+            opened.mouse("mouseMoved", x + by, y)
+            opened.run("new Promise((done) => setTimeout(done, 100))")
+        text = opened.run(
+            "(function texts(root) { return [...root.querySelectorAll('*')].map((e) =>"
+            " e.shadowRoot ? texts(e.shadowRoot) : e.className === 'bk-tooltip-row-value' ?"
+            " e.textContent : '').join(' '); })(document)"
+        )
+        assert "impulse" in text
+        assert "1e-5 m" in text
+        # a solver is hidden, and shown again in the next case that is chosen
+        opened.run("document.querySelector('#names button').click()")
+        name = opened.run("document.querySelector('#names button').textContent").split(" ", 1)[1]
+        assert opened.run(f"glyphs['{name}'].map((part) => part.visible)") == [False] * 4
+        assert opened.problems == []
+        assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
 
 
 # --- model features ---

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import lz4.frame
 import numpy as np
 import yaml
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -123,6 +125,20 @@ def late(writer: Writer) -> None:
         writer.add_message(channel, 10**18 - 10**9 + k, data, 0)
 
 
+def extended(data: bytes) -> bytes:
+    """An MCAP file with three bytes more at the end of every message index."""
+    magic, at = data[:8], 8
+    parts = [magic]
+    while at < len(data) - len(magic):
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        content = data[at + 9 : at + 9 + length]
+        if opcode == Opcode.MESSAGE_INDEX:
+            content += b"\1\2\3"
+        parts.append(struct.pack("<BQ", opcode, len(content)) + content)
+        at += 9 + length
+    return b"".join([*parts, magic])
+
+
 def build(name: str, directory: Path) -> list[Path]:
     """Make one of :data:`FORMS`; returns what is to be named on the command line."""
     rows = motion()
@@ -144,6 +160,10 @@ def build(name: str, directory: Path) -> list[Path]:
         names = ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
         options: dict[str, Any] = dict.fromkeys(names, False)
         return [mcap(path.with_suffix(".mcap"), rows, index_types=IndexType.NONE, **options)]
+    if name == "extended":  # as by a later version of the format: more fields in a record
+        plain = mcap(path.with_suffix(".mcap"), rows)
+        plain.write_bytes(extended(plain.read_bytes()))
+        return [plain]
     if name == "unchunked":
         return [mcap(path.with_suffix(".mcap"), shuffled(rows), use_chunking=False)]
     if name == "lz4":
@@ -197,8 +217,8 @@ def build(name: str, directory: Path) -> list[Path]:
 
 
 FORMS = (
-    "by_topic", "shuffled", "late_topic", "schemaless", "no_summary", "unchunked", "lz4",
-    "lz4_file", "lz4_messages", "several_files", "split", "rosbags_mcap", "rosbags_sqlite3",
+    "by_topic", "shuffled", "late_topic", "schemaless", "no_summary", "extended", "unchunked",
+    "lz4", "lz4_file", "lz4_messages", "several_files", "split", "rosbags_mcap", "rosbags_sqlite3",
     "rosbags_mcap_file", "rosbags_mcap_message", "rosbags_sqlite3_file", "rosbags_sqlite3_message",
     "old_relative_path", "null_topics", "old_metadata", "stale_path", "path_outside",
     "wrong_types", "no_metadata", "no_yaml",

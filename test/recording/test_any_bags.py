@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import struct
+import sys
 from pathlib import Path
 
 import any_bags
 import pytest
+from mcap.writer import Writer
 
 from cylconn_ros.cli.main import main
 from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.files import definitions
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene.resources import shipped
 
@@ -37,3 +41,42 @@ def test_every_command_reads_every_form(
     assert main(["identify", *named, "--params", SCENE, "--known", "overlap"]) == 0
     assert main(["report", *named]) == 2  # it has no states
     assert "cylconn replay" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("absent", [False, True])
+def test_a_definition_in_idl_is_read_with_rosbags_or_says_so(
+    absent: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if absent:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setattr(sys, "path", [])
+        definitions._from_idl.cache_clear()
+    text = ""
+    for name, body in (
+        ("Gap", "their_msgs::msg::Side left; double width;"),
+        ("Side", '@verbatim (language="comment", text="of a gap") sequence<double> edge;'),
+    ):
+        idl = f"module their_msgs {{ module msg {{ struct {name} {{ {body} }}; }}; }};"
+        text += f"{'=' * 80}\nIDL: their_msgs/msg/{name}\n{idl}\n"
+    path = tmp_path / "idl.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="test")
+        schema = writer.register_schema("their_msgs/msg/Gap", "ros2idl", text.encode())
+        channel = writer.register_channel("/gap", "cdr", schema)
+        writer.add_message(channel, 5, b"\0\1\0\0" + struct.pack("<IIdd", 1, 0, 0.5, 0.25), 5)
+        writer.finish()
+    assert main(["info", str(path)]) == 0
+    line = (
+        "not decoded /gap: its type their_msgs/msg/Gap is not installed here, and its definition in"
+        " the recording (ros2idl) is read with: pip install rosbags"
+    )
+    assert (line in capsys.readouterr().out) == absent
+    if not absent:
+        table = read_run(path).table("/gap")
+        assert table["width"].tolist() == [0.25]
+        assert table["left.edge"].tolist() == [[0.5]]

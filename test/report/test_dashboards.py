@@ -1,4 +1,4 @@
-"""Foxglove and PlotJuggler layouts: every plotted field exists in a published message."""
+"""Layouts of Foxglove, PlotJuggler and RViz: what they show exists in published messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from paths import ROOT
+from scenes import bundled
 
 from cylconn_ros.process.child import private_environment
 from cylconn_ros.recording.message_definitions import interface
@@ -84,6 +86,14 @@ def test_foxglove_paths_exist() -> None:
         check(topic, steps)
 
 
+def test_foxglove_and_lichtblick_read_the_titles() -> None:
+    panels = json.loads(FOXGLOVE.read_text())["configById"]
+    for name, panel in panels.items():
+        if name.startswith(("Plot!", "StateTransitions!", "3D!")):
+            assert panel["foxglovePanelTitle"] == panel["lichtblickPanelTitle"] != "", name
+            assert "title" not in panel, name  # read by neither
+
+
 def test_foxglove_places_every_panel_once() -> None:
     layout = json.loads(FOXGLOVE.read_text())
     placed = list(panels_of(layout["layout"]))
@@ -143,6 +153,38 @@ def test_a_wrong_path_is_found(topic: str, steps: list[str], why: str) -> None:
         check(topic, steps)
 
 
+def test_rviz_shows_topics_of_the_node() -> None:
+    config = yaml.safe_load((ROOT / "dashboards" / "connector.rviz").read_text())
+    displays = config["Visualization Manager"]["Displays"]
+    topics = {display["Topic"]["Value"] for display in displays if "Topic" in display}
+    assert topics == {"/connector/markers"}
+    assert config["Visualization Manager"]["Global Options"]["Fixed Frame"] == "world"
+
+
+def test_the_robot_model_has_the_joints_of_the_connector() -> None:
+    """A prismatic and a turning joint about the slot, from the frame of body A to that of B."""
+    scene = bundled("slide_and_spin")
+    model = ElementTree.parse(ROOT / "dashboards" / "shaft_and_sleeve.urdf").getroot()
+    links = {link.attrib["name"] for link in model.iter("link")}
+    joints = {joint.attrib["name"]: joint for joint in model.iter("joint")}
+
+    def ends(name: str) -> tuple[str, str]:
+        found = [joints[name].find(end) for end in ("parent", "child")]
+        first, second = (end.attrib["link"] for end in found if end is not None)
+        assert {first, second} <= links
+        return first, second
+
+    slide, spin = scene.joint_names.slide, scene.joint_names.spin
+    assert ends("shaft_in_world") == (scene.world_frame, scene.body_a.frame)
+    assert (ends(slide)[0], ends(spin)[1]) == (scene.body_a.frame, scene.body_b.frame)
+    assert ends(slide)[1] == ends(spin)[0]
+    for name, kind in ((slide, "prismatic"), (spin, "continuous")):
+        axis = joints[name].find("axis")
+        assert joints[name].attrib["type"] == kind
+        assert axis is not None
+        assert axis.attrib["xyz"] == "1 0 0"
+
+
 # The guide
 
 GUIDE = (ROOT / "docs" / "how_to" / "dashboards.md").read_text()
@@ -151,12 +193,14 @@ GUIDE = (ROOT / "docs" / "how_to" / "dashboards.md").read_text()
 def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
     blocks = re.findall(r"^```sh\n(.*?)^```", GUIDE, re.DOTALL | re.MULTILINE)
     assert len(blocks) == 3
+    # If a command fails, the ones in the background end too: they hold the pipe of the output.
+    end = "trap 'kill $(jobs -p) 2>/dev/null || :' EXIT"
     environment = {
         **private_environment(),
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
     }
     done = subprocess.run(
-        ["bash", "-euc", "\n".join(blocks)],
+        ["bash", "-euc", "\n".join([end, *blocks])],
         cwd=tmp_path,
         env=environment,
         stdout=subprocess.PIPE,
@@ -173,7 +217,7 @@ def test_every_command_of_the_guide_works(tmp_path: Path) -> None:
 
 def test_files_that_the_guide_names_exist() -> None:
     for target in re.findall(r"\]\(([^)#]+)", GUIDE):
-        assert (ROOT / "docs" / "how_to" / target).exists(), target
+        assert "://" in target or (ROOT / "docs" / "how_to" / target).exists(), target
     for name in re.findall(r"dashboards/(\w+\.\w+)", GUIDE):
         assert (ROOT / "dashboards" / name).is_file(), name
     assert (ROOT / "docs" / "pictures" / "report.png").stat().st_size < 200_000

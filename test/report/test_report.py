@@ -16,6 +16,8 @@ from odometry_bag import odometry_bag
 from paths import BAGS
 
 from cylconn_ros.cli.main import main
+from cylconn_ros.cli.report import facts
+from cylconn_ros.cli.summary import FIELDS, RunSummary, summarise
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
@@ -280,19 +282,38 @@ def test_every_field_of_a_panel_is_in_the_message() -> None:
             assert curve.values(states_of(found)).shape == (10,), f"{panel.title}: {curve.label}"
 
 
+def test_panels_that_are_zero_throughout_are_left_out_and_named() -> None:
+    found = noise_data(100)
+    (states,) = found.read_states(None)  # views of the arrays, one block
+    fields = states.fields
+    fields["rotation"][:] = fields["displacement"][:] = fields["velocity"][:, 0] = 0.0
+    head, _ = payload.build_payload(found)
+    assert {"Slide u₁", "Spin uᵣ₁"} <= set(head["empty"])
+    shown = {panel["key"]: panel for panel in head["panels"]}
+    assert not {"slide", "spin"} & set(shown)
+    assert len(shown["speed"]["curves"]) == 2  # zero beside a rate that is not
+
+
 def test_texts_of_a_run_are_escaped() -> None:
     head, numbers = payload.build_payload(noise_data(20))
     evil = "</script><img src=x onerror=alert(1)>%%numbers%%"
     head["empty"] = [evil]
     text = page.render(evil, [page.Fact(evil, evil)], [evil], [(evil, evil)], evil, head, numbers)
     assert "<img" not in text
-    assert text.count("</script>") == 3
+    template = (Path(page.__file__).parent / "static" / "page.html").read_text()
+    assert text.count("</script>") == template.count("</script>") == template.count("<script")
     assert text.count(numbers) == 1
 
 
 def test_the_page_has_no_external_references(report: Path) -> None:
     external = r"""(src|href)=["']?(?!data:)\w|url\(|@import|https?:|\bimport\b.*from|\bfetch\("""
-    assert re.search(external, report.read_text()) is None
+    text = report.read_text()
+    library = page.library()
+    assert library in text
+    # The library names addresses of its documentation and of namespaces, in texts alone: the
+    # policy of the page forbids requests, and in a browser none is made.
+    assert "default-src 'none'" in text
+    assert re.search(external, text.replace(library, "")) is None
 
 
 # In the terminal
@@ -364,3 +385,38 @@ def test_a_recording_without_states_is_refused_with_the_remedy(
     error = capsys.readouterr().err
     assert "no states of a connector" in error
     assert f"cylconn replay {tmp_path / 'inputs'} -o RUN" in error
+
+
+# Summary
+
+
+def summary_of(regime: list[int], **changed: list[float]) -> RunSummary:
+    count = len(regime)
+    state = {name: np.zeros(count) for name in FIELDS} | {"stop_time": np.full(count, -1.0)}
+    state["regime"] = np.array(regime)
+    state |= {name: np.array(values) for name, values in changed.items()}
+    return summarise((np.arange(count) * 0.1).astype(np.float64), state)
+
+
+def test_rest_without_a_stop_time_begins_after_the_last_motion() -> None:
+    assert summary_of([2, 2, 1, 1]).stop_time == pytest.approx(0.2)
+    assert summary_of([1, 1]).stop_time == 0.0
+    assert np.isnan(summary_of([1, 2]).stop_time)
+    again = summary_of([2, 1, 2, 1], stop_time=[0.05, -1.0, -1.0, -1.0])
+    assert again.stop_time == pytest.approx(0.3)  # not the stop before the last motion
+    given = summary_of([2, 2, 1], stop_time=[-1.0, 0.04, -1.0])
+    assert given.stop_time == pytest.approx(0.14)
+
+
+def test_refused_samples_have_no_regime() -> None:
+    found = summary_of([0, 0, 2, 2], status=[1, 1, 0, 0])
+    assert found.regimes == {"slip": 0.5, "refused": 0.5}
+
+
+def test_a_runaway_is_marked(run: Run) -> None:
+    def marked(**changed: list[float]) -> set[str]:
+        return {fact.label for fact in facts(summary_of([2], **changed), run) if fact.bad}
+
+    assert marked() == set()
+    assert marked(offset_violation=[0.5]) == {"worst offset"}
+    assert marked(angular_violation=[np.nan]) == {"worst misalignment"}

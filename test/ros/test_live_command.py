@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
+from cylconn_ros.errors import SceneError
 from cylconn_ros.messages import cdr_decoder, joint_command
 from cylconn_ros.messages.pipeline import COMMAND, MessagePipeline
 from cylconn_ros.recording.run import read_run
@@ -53,6 +54,26 @@ def test_names_in_any_order_and_alone():
     assert mixed["spin"].force == 7.0
     assert str(mixed["slide"]) == "velocity 0.1"
     assert str(read(command("slide"))["slide"]) == "free"
+
+
+def test_joints_have_the_names_of_the_robot_model():
+    loop = Loop(make(joint_names={"slide": "rail", "spin": "axle"}))
+    send(loop, "axle", "rail", effort=(0.5, 1.5))
+    response = loop.step()
+    assert loop.pipeline.out[layout.FORCE_ACTUATION] == 1.5
+    assert loop.pipeline.out[layout.MOMENT_ACTUATION] == 0.5
+    assert cdr_decoder.read_joint_state(response.joint_state).names == ("rail", "axle")
+    send(loop, "slide", effort=(3.0,))
+    assert loop.pipeline.health.refusal == "name = 'slide': must be rail or axle"
+
+
+@pytest.mark.parametrize(
+    ("slide", "spin", "text"),
+    [("", "spin", "joint_names.slide = '': must"), ("a", "a", "joint_names: slide and spin must")],
+)
+def test_joint_names_that_are_none_are_refused(slide, spin, text):
+    with pytest.raises(SceneError, match=text):
+        make(joint_names={"slide": slide, "spin": spin})
 
 
 @pytest.mark.parametrize(

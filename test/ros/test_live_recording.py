@@ -67,6 +67,29 @@ def test_salvage_recovers_a_run_after_kill_9_except_its_end(connector, peer, tmp
     assert "is complete: nothing to salvage" in capsys.readouterr().err
 
 
+WITHOUT_PACKAGES = """
+import sys
+sys.modules.update(dict.fromkeys(("mcap", "zstandard", "lz4", "bokeh")))  # their imports fail
+from cylconn_ros.ros.connector import node as connector_node
+raise SystemExit(connector_node.main())
+"""
+
+
+@pytest.mark.parametrize("enabled", ["false", "true"])
+def test_without_its_packages_the_node_runs_and_does_not_record(peer, tmp_path, enabled):
+    rules = parameters(f"record.enabled:={enabled}", "timeout:=.inf")
+    with program([sys.executable, "-c", WITHOUT_PACKAGES, *rules], tmp_path) as running:
+        listener, source = Listener(peer), Source(peer)
+        assert listener.exchange(source, 5 * MS)
+        reason = "cannot record: needs the package zstandard: pip install mcap zstandard"
+        if enabled == "true":
+            listener.wait_for_status("recording", reason)
+        assert listener.exchange(source, 9 * MS)
+        assert running.stop() == 0, running.output
+        assert (reason in running.output) == (enabled == "true")
+        assert "Traceback" not in running.output
+
+
 LIMITED = """
 import resource
 from cylconn_ros.ros.connector import node as connector_node

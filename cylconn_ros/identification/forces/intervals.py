@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.core import layout
-from cylconn_ros.errors import IdentifyError
+from cylconn_ros.errors import IdentifyError, IndeterminateError
 from cylconn_ros.identification.forces.drives import without_drive
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
@@ -55,6 +56,7 @@ class Intervals:
         places: (n, 2) slide m and angle rad at the end of the interval.
         usable: (n,) bool, the wrench contains friction and constraint only.
         skipped: number of unusable intervals by reason.
+        problem: why all of them are worth nothing: the motion leaves the joint; else empty.
     """
 
     scene: Scene
@@ -65,6 +67,7 @@ class Intervals:
     places: Array
     usable: Mask
     skipped: Counter[str]
+    problem: str = ""
 
     @property
     def step(self) -> float:
@@ -80,13 +83,14 @@ def measure_intervals(
     ``drive`` (n, 2) is the force and moment of a known drive over the interval that ends with each
     sample; by default that of the scene.
 
-    Raises IdentifyError if there are fewer than two samples, or friction cannot be separated from
-    other forces along the slot; SceneError if an inertia is unknown.
+    Raises IndeterminateError if there are fewer than two samples or all are refused, IdentifyError
+    if friction cannot be separated from other forces along the slot, SceneError if an inertia is
+    unknown.
     """
     _check_separable(scene)
     samples = SampleArrays.collect(samples)
     if len(samples) < 2:
-        raise IdentifyError(
+        raise IndeterminateError(
             f"{len(samples)} complete samples: a motion is needed (pose and twist of every moving "
             "body, with the same stamps)"
         )
@@ -108,6 +112,7 @@ def measure_intervals(
     edges = [*np.flatnonzero(begins).tolist(), len(samples)]
     loads = _loads(samples, usual)
     buffer = np.empty((_BLOCK, layout.NOUT))
+    check = MotionCheck()
     for begin, end in itertools.pairwise(edges):
         connector.reset()
         for at in range(begin, end, _BLOCK):
@@ -116,8 +121,12 @@ def measure_intervals(
             block[:, layout.LOADS] = loads[rows]
             found = connector.run(block, h[rows], buffer[: len(block)])
             out[rows] = found[:, _COLUMNS]
+            check.add(found)
+    if not check.solved:
+        raise IndeterminateError(check.problem())
     time: Array = np.asarray((samples.stamps - samples.stamps[0]) * 1e-9, dtype=np.float64)
-    return _intervals(scene, out, samples.h, time, begins, drive)
+    measured = _intervals(scene, out, samples.h, time, begins, drive)
+    return dataclasses.replace(measured, problem=check.problem())
 
 
 def _loads(samples: SampleArrays, usual: float) -> Array:

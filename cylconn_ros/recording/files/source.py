@@ -34,7 +34,7 @@ class TopicFacts:
     Attributes
     ----------
         type: package/msg/Name. definition: ros2msg text; '' if none is known.
-        stored: whether the definition was stored with the recording.
+        stored: whether the definition was stored with the recording. reason: why there is none.
         numbers: channel numbers in the blocks of the source; usually one.
         extent: number of messages, first and last log time.
         type_hash, qos: as stored.
@@ -43,6 +43,7 @@ class TopicFacts:
     type: str
     definition: str = ""
     stored: bool = False
+    reason: str = ""
     numbers: set[int] = field(default_factory=set)
     extent: Extent = field(default_factory=Extent)
     type_hash: str = ""
@@ -204,8 +205,9 @@ class Source:
         elif known is not None and known.type != stored.type:
             self._leave_out(topic, f"it has messages of {known.type} and of {stored.type}")
         else:
-            text, from_file = definitions.resolve(stored)
-            facts = self.channels.setdefault(topic, TopicFacts(stored.type, text, from_file))
+            found = definitions.resolve(stored)
+            new = TopicFacts(stored.type, found.text, found.stored, found.reason)
+            facts = self.channels.setdefault(topic, new)
             facts.numbers.add(here)
             facts.type_hash = facts.type_hash or stored.type_hash
             facts.qos = facts.qos or stored.qos

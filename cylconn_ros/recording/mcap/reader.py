@@ -138,6 +138,14 @@ class McapFile:
         head = self._read(at, _RECORD.size)
         return len(head) < _RECORD.size or at + _RECORD.size + _RECORD.unpack(head)[1] > self._size
 
+    def _begins_record(self, at: int) -> bool:
+        """Return whether a known record may begin at ``at``."""
+        head = self._read(at, _RECORD.size)
+        if len(head) < _RECORD.size:
+            return False
+        opcode, length = _RECORD.unpack(head)
+        return opcode in iter(Opcode) and at + _RECORD.size + length <= self._size
+
     def _record(self, at: int) -> int:
         """Index the record at byte ``at``; return the next one's. Raises one of _READ_ERRORS."""
         opcode, length = _RECORD.unpack(self._read(at, _RECORD.size))
@@ -158,7 +166,9 @@ class McapFile:
             self._intact = end
         elif opcode == Opcode.MESSAGE_INDEX:
             _, size = _LENGTH.unpack(self._read(at + _RECORD.size, _LENGTH.size))
-            if size != length - _LENGTH.size or size % 16:
+            # A later version of the format may add fields; in a damaged length are other records.
+            added = length - _LENGTH.size - size
+            if added < 0 or size % 16 or (added and self._begins_record(end - added)):
                 raise _DamagedError
             self._intact = end
         elif opcode == Opcode.DATA_END:

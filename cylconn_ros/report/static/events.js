@@ -34,35 +34,64 @@ function intervals(columns, test) {
 
 const STICK = 2, SLIP = 4;
 
-// Background of a plot: tints for stick and slip (both if a column has both), edges for stops and locks.
+// Background of the plots: tints for stick and slip (both if a column has both), and for stops and locks.
 class Bands {
   constructor(link) {
     this.link = link;
-    this.width = -1;
-    link.on("view", () => (this.width = -1));
+    link.on("view", () => (this.found = null));
   }
 
-  paint(context, left, top, width, height) {
-    const { run, view, palette } = this.link;
-    if (this.width !== width) {
-      this.width = width;
-      const regime = columnsOfBits(run, "regime", view, width);
-      this.found = {
-        stick: intervals(regime, (bits) => bits & STICK),
-        slip: intervals(regime, (bits) => bits & SLIP),
-        stop: intervals(columnsOfBits(run, "stop", view, width), (bits) => bits),
-        lock: intervals(columnsOfBits(run, "lock", view, width), (bits) => bits),
-      };
-    }
-    for (const name of ["stick", "slip"]) {
-      context.fillStyle = palette[name];
-      for (const [a, b] of this.found[name]) context.fillRect(left + a, top, b - a, height);
-    }
-    for (const [name, y] of [["stop", top + height - 3], ["lock", top]]) {
-      context.fillStyle = palette[name];
-      for (const [a, b] of this.found[name]) context.fillRect(left + a, y, Math.max(b - a, 1.5), 3);
+  // Intervals of each state in the visible range, as columns of times, s.
+  times() {
+    if (this.found) return this.found;
+    const { run, view } = this.link, width = 1000;
+    const at = (x) => view[0] + (x / width) * (view[1] - view[0]);
+    const columns = (group, mask) => {
+      const found = intervals(columnsOfBits(run, group, view, width), (bits) => bits & mask);
+      return { x0: found.map(([a]) => at(a)), x1: found.map(([, b]) => at(b)) };
+    };
+    this.found = { stick: columns("regime", STICK), slip: columns("regime", SLIP), stop: columns("stop", ~0),
+      lock: columns("lock", ~0) };
+    return this.found;
+  }
+}
+
+// Times at which a state begins: stick, stops, locks, refused samples and flags; in order.
+function beginnings(run) {
+  const found = [];
+  for (const [group, { bits, names }] of Object.entries(run.events)) {
+    for (let k = 0, earlier = 0; k < bits.length; earlier = bits[k], k++) {
+      const begun = (bits[k] & ~earlier) >>> 0;
+      if (!begun) continue;
+      names.forEach((name, bit) => {
+        if (!(begun & (1 << bit)) || (group === "regime" && (1 << bit) !== STICK)) return;
+        if (k || group !== "regime") found.push({ t: run.time[k], name: group === "status" ? `refused: ${name}` : name });
+      });
     }
   }
+  return found.sort((a, b) => a.t - b.t);
+}
+
+// List of events with buttons for the previous and the next one.
+function eventControls(link) {
+  const listed = beginnings(link.run), list = document.getElementById("event");
+  const go = (event) => {
+    if (!event) return;
+    const [low, high] = link.view;
+    if (event.t < low || event.t > high) link.setView(event.t - (high - low) / 2, event.t + (high - low) / 2);
+    link.setCursor(event.t);
+  };
+  const most = 1000; // a longer list is slow to open; the buttons reach all
+  listed.slice(0, most).forEach(({ t, name }, k) => list.append(new Option(`${minus(t.toFixed(4))} s  ${name}`, k)));
+  if (listed.length > most) list.append(new Option(`… and ${listed.length - most} more`, -1));
+  list.options[0].textContent = `events: ${listed.length}`;
+  list.disabled = !listed.length;
+  list.addEventListener("change", () => {
+    go(listed[Number(list.value)]);
+    list.selectedIndex = 0;
+  });
+  document.getElementById("earlier").addEventListener("click", () => go(listed.findLast(({ t }) => t < link.t - 1e-9)));
+  document.getElementById("later").addEventListener("click", () => go(listed.find(({ t }) => t > link.t + 1e-9)));
 }
 
 const GROUP_COLOURS = { stop: "stop", lock: "lock", status: "red", flags: "purple" };

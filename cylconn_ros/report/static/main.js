@@ -59,8 +59,8 @@ function legend(link) {
   const entries = [
     [regime & STICK, "stick", "stick"],
     [regime & SLIP, "slip", "slip"],
-    [occurring("stop"), "stop", "at a stop (lower edge)"],
-    [occurring("lock"), "lock", "locked (upper edge)"],
+    [occurring("stop"), "stop", "at a stop"],
+    [occurring("lock"), "lock", "locked"],
   ];
   for (const [present, colour, text] of entries) {
     if (!present) continue;
@@ -98,8 +98,9 @@ function build(run) {
   }
   if (run.empty.length) note(`All zero, not shown: ${run.empty.join(", ")}.`);
   const all = [...charts, ...sideViews];
-  for (const chart of charts) addPointerControls(chart.parts, link);
+  addPointerControls(charts[0].parts, link);
   legend(link);
+  eventControls(link);
   return { link, all };
 }
 
@@ -130,9 +131,12 @@ function controls({ link, all }) {
   link.on("cursor", later(cursor));
   link.on("view", later(draw));
   play.addEventListener("click", () => (link.playing ? link.pause() : link.play()));
-  whole.addEventListener("click", () => link.whole());
+  whole.addEventListener("click", () => {
+    for (const one of all) one.zoomed = false;
+    link.whole();
+  });
   document.addEventListener("keydown", (event) => {
-    if (event.target.closest("button, summary, input") || event.altKey || event.ctrlKey || event.metaKey) return;
+    if (event.target.closest("button, summary, input, select") || event.altKey || event.ctrlKey || event.metaKey) return;
     const action = { ArrowLeft: () => link.step(-1), ArrowRight: () => link.step(1), " ": () => play.click(),
       Escape: () => link.whole() }[event.key];
     if (!action) return;
@@ -170,4 +174,4 @@ const ready = readRun().then((run) => {
   return built;
 });
 ready.catch(failed);
-globalThis.report = { ready, plotArea };
+globalThis.report = { ready, plotArea, unitOf };

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -16,7 +16,6 @@ from rclpy.lifecycle import LifecycleNode
 from cylconn_ros.messages.coupled_pipeline import CoupledPipeline
 from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline, Response
 from cylconn_ros.messages.topic_names import prefix_log
-from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor
 from cylconn_ros.ros.connector.diagnostics_encoder import EncodedStatus
 from cylconn_ros.ros.connector.held_messages import HeldMessages
@@ -35,6 +34,9 @@ from cylconn_ros.ros.executor.fused import FusedPath
 from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
 from cylconn_ros.scene.inputs import STREAM_NUMBER
 from cylconn_ros.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from cylconn_ros.recording.writer import RunWriter
 
 
 class ConnectorEndpoint:

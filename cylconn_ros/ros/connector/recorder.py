@@ -11,7 +11,14 @@ from typing import Any
 
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
-from cylconn_ros.recording.writer import RunWriter
+
+# A node that does not record also runs where these packages are not installed. They are not loaded
+# when a recording starts: that would hold up the samples.
+_MISSING = ""
+try:
+    from cylconn_ros.recording.writer import RunWriter
+except ImportError as error:
+    _MISSING = f"needs the package {error.name}: pip install mcap zstandard"
 
 
 class Recorder:
@@ -75,7 +82,8 @@ class Recorder:
     ) -> Path:
         """Open a run in a new directory below ``parent``, named by node and time; return it.
 
-        Raises RecordingError if the directory cannot be created or a run is open.
+        Raises RecordingError if the directory cannot be created, a run is open, or a package that
+        recordings need is not installed.
         """
         if self._writer is not None:
             raise RecordingError(f"already recording to {self.directory}")
@@ -87,6 +95,8 @@ class Recorder:
             while directory.exists():  # two runs within a second
                 again += 1
                 directory = place / f"{name}_{again}"
+            if _MISSING:
+                raise RecordingError(_MISSING)
             self._writer = RunWriter(directory, topics, metadata, compression, wait_for_disk=False)
         except (RecordingError, OSError) as error:
             self._error = f"cannot record: {error}"

@@ -8,7 +8,7 @@ template; the caller processes that message on the reference path and calls agai
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -22,9 +22,11 @@ from cylconn_ros.messages.statistics import count as count_sample
 from cylconn_ros.messages.templates import BEGIN, COUNT, SIZE, write
 from cylconn_ros.recording.mcap.chunk_buffer import ChunkBuffer
 from cylconn_ros.recording.mcap.kernels import append
-from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.ros.executor import rcl
 from cylconn_ros.ros.executor.sequence_numbers import SequenceNumbers
+
+if TYPE_CHECKING:
+    from cylconn_ros.recording.writer import RunWriter
 
 _REAL, _MONOTONIC = 0, 1  # CLOCK_REALTIME, CLOCK_MONOTONIC
 _WRENCHES: Final = 2  # the first outputs, which are published even without subscribers

@@ -1,4 +1,4 @@
-"""Whether a motion is one that the joint permits: what makes a replay worthless, in words."""
+"""Whether a motion is one that the joint permits: what makes its results worthless, in words."""
 
 from __future__ import annotations
 
