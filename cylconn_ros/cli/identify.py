@@ -247,7 +247,7 @@ def as_json(found: Identification) -> dict[str, Any]:
         "left_out": dict(found.skipped),
         "slip_rate_noise": found.noise,
         "misfit": found.misfit,
-        "problem": found.problem,
+        "problem": next(iter(found.doubts), ""),
     }
 
 
