@@ -268,8 +268,23 @@ def _motions(options: argparse.Namespace) -> int:
 
 def _recorded(options: argparse.Namespace) -> int:
     """Check the samples of a recorded run."""
+    from cylconn_ros.laws import together
     from cylconn_ros.laws.runs import check_recording
+    from cylconn_ros.recording import connector_part
+    from cylconn_ros.recording.bag import Bag
 
+    several = connector_part.names(Bag(options.recording).metadata)
+    if several and not options.connector:
+        with Progress("laws") as bar:
+            runs, summary = together.check_recording(options.recording, several, bar)
+        print(f"{', '.join(several)}: {summary.samples} samples of {options.recording}\n")
+        print("\n".join([*report.laws(summary, "connector/sample"), *report.regimes(summary)]))
+        violated = [title(name) for name, law in summary.laws.items() if not law.holds]
+        if not all(len(one.h) for one in runs.values()):
+            print("\nno sample can be checked")
+            return 1
+        print(_conclusion(options, summary, None, violated))
+        return 1 if violated else 0
     with Progress("laws") as bar:
         recorded, summary = check_recording(options.recording, bar, options.connector)
     print(f"method {recorded.method}: {summary.samples} samples of {options.recording}\n")

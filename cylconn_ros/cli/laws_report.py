@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def laws(summary: LawSummary, location: str = "scene/chain/index") -> list[str]:
     """Table of the largest residual of each law and the location of its sample."""
-    lines = [f"{'law':<15}{'samples':>10}{'worst':>11}{'beyond 1e-12':>14}  {location}"]
+    lines = [
+        f"{'law':<15}{'samples':>10}{'worst':>11}{f'beyond {summary.tolerance:.0e}':>14}  {location}"
+    ]
     for name in LAWS:
         law = summary.laws.get(name)
         if law is None or not law.samples:

@@ -12,6 +12,9 @@ by --params and then by each --set.
 is then 1 if a field differs by more than --tolerance of its largest value. With the recorded
 parameters, the outputs are bit for bit identical on the same machine and version.
 
+All connectors of a recording are replayed; those that share bodies are solved together. --connector
+chooses one that is solved alone.
+
 For example: cylconn replay RUN --set friction.coefficient=0.3 -o other_mu
 
 Next: show a kept run with cylconn info NAME.
@@ -26,20 +29,19 @@ from pathlib import Path
 from typing import Any
 
 import cylconn_ros
-from cylconn_ros.cli import closed_loop, scenes
+from cylconn_ros.cli import closed_loop, replay_several, scenes
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
+from cylconn_ros.cli.replay_report import report, show
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.replay.batches import Batch
-from cylconn_ros.replay.compare import Comparison, Topic, verdict
+from cylconn_ros.replay.compare import Comparison
 from cylconn_ros.replay.replay import Replay
 from cylconn_ros.scene import multiple, parameter_file
 from cylconn_ros.scene.scene import Scene
-
-_SHOWN = 6  # fields per topic
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,11 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay; 0 if all samples were processed and, with --compare, the outputs agree."""
     bag = Bag(options.bag, options.connector)
-    connector_part.refuse_coupled(bag.metadata, options.connector, "it cannot be replayed alone")
+    connector_part.refuse_coupled(
+        bag.metadata,
+        options.connector,
+        "it cannot be replayed alone; replay all of them, without --connector",
+    )
     if connector_part.names(bag.metadata):
-        known = ", ".join(connector_part.names(bag.metadata))
-        raise CommandError(f"{bag.path}: holds several connectors, {known}: choose one with "
-                           "--connector NAME")  # fmt: skip
+        return replay_several.run(bag, options)
     scene = _scene(bag, options)
     if options.closed_loop:
         return closed_loop.run(bag, scene, _scene(bag, options, changed=False), options)
@@ -100,10 +104,10 @@ def run(options: argparse.Namespace) -> int:
     start = time.perf_counter(), time.process_time()
     with Progress(f"replay {bag.path.name}") as progress:
         _process(replay, comparison, options.output, progress)
-    _report(replay, time.perf_counter() - start[0], time.process_time() - start[1])
+    report(replay, time.perf_counter() - start[0], time.process_time() - start[1])
     passed = not bag.damage and not replay.problem()
     if comparison is not None:
-        passed &= _show(comparison.result(), options.tolerance)
+        passed &= show(comparison.result(), options.tolerance)
     if options.output is not None:
         print(f"kept        {options.output}\nnext: cylconn info {options.output}")
     else:
@@ -200,56 +204,3 @@ def _renamed(texts: list[str]) -> dict[str, str]:
             )
         renamed[name] = topic
     return renamed
-
-
-def _report(replay: Replay, seconds: float, cpu: float) -> None:
-    """Print counts and times. seconds, cpu: elapsed and CPU time, s."""
-    counts, health = replay.counts, replay.pipeline.health
-    print(
-        f"messages    {counts.read} read, {counts.used} used, {counts.outputs} recorded outputs, "
-        f"{counts.other} of other topics"
-    )
-    for name, topic in replay.inputs.items():
-        print(f"  {name:<14} {counts.by_topic.get(topic, 0):>9}  {topic}")
-    share, busy = (1e6 * t / counts.used if counts.used else 0.0 for t in (seconds, cpu))
-    print(
-        f"samples     {counts.responses} in {seconds:.2f} s, {share:.2f} us per input message "
-        f"({busy:.2f} us of CPU time)"
-    )
-    for text in replay.irregularities():
-        print(f"irregular   {text}")
-    if health.undecodable:
-        print(f"            {health.undecodable_text}")
-    if replay.bag.damage:
-        print(f"DAMAGED     {replay.bag.damage}; the intact messages were used")
-    before = replay.bag.metadata.get("samples_before", "0")
-    if before != "0":
-        print(f"LATE BEGIN  the recording began {before} samples after the run: what the connector "
-              "knew from them, as the measured latency, is not known here")  # fmt: skip
-    for topic, reason in replay.bag.source.left_out.items():
-        print(f"left out    {topic}: {reason}")
-    for text in replay.bag.source.notes:
-        print(f"note        {text}")
-    if problem := replay.problem():
-        print(f"NOT USABLE  {problem}")
-
-
-def _show(topics: list[Topic], tolerance: float) -> bool:
-    """Print the comparison; False if outputs diverge."""
-    for topic in topics:
-        result = "identical" if not topic.different else f"{topic.different} differ"
-        missing = f", {topic.only_recorded} only recorded" if topic.only_recorded else ""
-        more = f", {topic.only_replayed} only replayed" if topic.only_replayed else ""
-        print(f"{topic.name}: {topic.same + topic.different} compared, {result}{missing}{more}")
-        for d in topic.differences[:_SHOWN]:
-            mark = "BEYOND" if d.beyond else "within"
-            print(
-                f"  {mark}  {d.field}: at most {d.worst:.3g} ({d.relative:.1e} of its size), first "
-                f"at {d.first * 1e-9:.6f} s: recorded {d.recorded}, replayed {d.replayed}"
-            )
-        if len(topic.differences) > _SHOWN:
-            print(f"  and {len(topic.differences) - _SHOWN} more fields")
-        if topic.not_compared:
-            print(f"  not compared: fields {topic.not_compared}")
-    print(verdict(topics, tolerance))
-    return all(topic.well for topic in topics)

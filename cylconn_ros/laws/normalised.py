@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ class Block:
     sample: Array  # (n, NSAMPLE)
     out: Array  # (n, NOUT)
     past: History  # before each sample
+    others: Array | None = None  # (n, 12) wrenches of connectors on the same bodies (together.py)
+    near: Any = None  # Approach of the samples to their stops (approach.py), if it is known
 
 
 def ratio(value: Array, size: Array) -> Array:

@@ -29,6 +29,7 @@ from cylconn_ros.laws.step import (
     pull_in_limits,
     pull_in_rates,
     rates_from_wrench,
+    with_others,
 )
 
 Array = NDArray[np.float64]
@@ -49,9 +50,15 @@ class _End(Rows):
     known: Bools  # whether each body turns by less than MOST_TURN
 
 
-def prepare_step(p: Parameters, o: SampleState, sample: Array) -> Step:
-    """The step without its wrench, corrected for fast rotation. sample: (n, NSAMPLE)."""
+def prepare_step(p: Parameters, o: SampleState, sample: Array, others: Array | None = None) -> Step:
+    """The step without its wrench, corrected for fast rotation. sample: (n, NSAMPLE).
+
+    others: as of :func:`~cylconn_ros.laws.step.with_others`; the end of a step with several
+    connectors is not predicted.
+    """
     s = frozen(p, o, sample)
+    if others is not None:
+        return with_others(p, s, others)
     rows = np.flatnonzero(is_fast(p, o))
     if not len(rows):
         return s

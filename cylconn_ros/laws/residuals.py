@@ -39,10 +39,12 @@ def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict
     """
     p = block.parameters
     o = state_of(p, block.sample, block.past)
-    s = prepare_step(p, o, block.sample)
+    s = prepare_step(p, o, block.sample, block.others)
     found = RESIDUALS[method](block, o, s)
     if "never_gains" in guaranteed_laws(method):
-        found["never_gains"] = never_gains.residual(block, o, s, in_order)
+        alone = block.others is None  # stated for the wrenches of one connector
+        gains = never_gains.residual(block, o, s, in_order) if alone else np.full(len(p.h), np.nan)
+        found["never_gains"] = gains
     usable = np.all(np.isfinite(block.out), axis=1) & (block.out[:, layout.STATUS] == 0)
     found["balance"] = np.maximum(found["balance"], np.where(usable, 0.0, np.inf))
     return {law: found[law] for law in guaranteed_laws(method)}

@@ -11,6 +11,7 @@ import dataclasses
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.laws import elastic, residuals
-from cylconn_ros.laws.approach import approach
+from cylconn_ros.laws.approach import Approach, Held, approach
 from cylconn_ros.laws.bounds import (
     CARRIED,
     bounds,
@@ -33,12 +34,14 @@ from cylconn_ros.laws.parameters import Table as FrictionTable
 from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.sample_state import (
     History,
+    SampleState,
     com_motion,
     next_history,
     no_history,
     pose_jumped,
     state_of,
 )
+from cylconn_ros.laws.step import Step
 from cylconn_ros.laws.summary import LawSummary
 from cylconn_ros.recording.connector_part import refuse_coupled
 from cylconn_ros.recording.run import Run, read_run
@@ -73,6 +76,7 @@ class RunSamples:
     begins: NDArray[np.bool_]  # (n,) whether a history begins with the sample
     skipped: int = 0  # states without a sample, or with a history that is not in the recording
     skip_reason: str = ""
+    others: Array | None = None  # (n, 12) wrenches of connectors on the same bodies (together.py)
 
     @property
     def histories(self) -> int:
@@ -90,8 +94,9 @@ class RunSamples:
         p = with_period(one.take(np.zeros(high - low, dtype=np.intp)), self.h[low:high])
         sample, out = self.sample[low:high], self.out[low:high]
         tables = tables_of([self.scene])
-        past = _history(p, one, tables, sample, out, self.since[low:high])
-        return Block(p, tables, sample, out, past)
+        others = None if self.others is None else self.others[low:high]
+        past, near = _history(p, one, tables, sample, out, self.since[low:high], others)
+        return Block(p, tables, sample, out, past, others, near)
 
 
 NO_LOADS = (0.0,) * 12
@@ -153,7 +158,9 @@ def check_recording(
 
     """
     run = read_run(path, connector)
-    refuse_coupled(run.metadata, connector, "the laws are stated for a single connector")
+    refuse_coupled(
+        run.metadata, connector, "its laws are those of all of them; leave out --connector"
+    )
     recorded = samples_of(run)
     if recorded.method not in residuals.RESIDUALS:
         raise RecordingError(f"{path}: no laws of a sample are stated for method {recorded.method}")
@@ -181,8 +188,12 @@ def _history(
     sample: Array,
     out: Array,
     since: Array,
-) -> History:
-    """The history before each sample of one connector, from its reference configuration on."""
+    others: Array | None,
+) -> tuple[History, Approach | None]:
+    """The history before each sample of one connector, from its reference configuration on.
+
+    Also what slide and spin do at stops, if the scene has bounds.
+    """
     n = len(sample)
     first = next_history(one, state_of(one, sample[:1], no_history(1)), no_history(1), out[:1])
     past = first.take(np.zeros(n, dtype=np.intp))
@@ -203,7 +214,9 @@ def _history(
             past.held[k] = o.position[k - 1]
     if not np.isnan(one.gains[0, 4]):
         _set_elastic_slip(p, sample, out, past)
-    return _with_bounds(p, tables, sample, out, past) if one.bounded[0] else past
+    if not one.bounded[0]:
+        return past, None
+    return _with_bounds(p, tables, sample, out, past, others)
 
 
 def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -> None:
@@ -221,11 +234,15 @@ def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -
 
 
 def _with_bounds(
-    p: Parameters, tables: Sequence[FrictionTable], sample: Array, out: Array, past: History
-) -> History:
-    """``past`` with the history of stops, locks and imposed motion, sample by sample."""
+    p: Parameters, tables: Sequence[FrictionTable], sample: Array, out: Array, past: History,
+    others: Array | None,
+) -> tuple[History, Approach]:  # fmt: skip
+    """``past`` with the history of stops, locks and imposed motion, sample by sample.
+
+    Also what slide and spin do at stops.
+    """
     o = state_of(p, sample, past)
-    s = prepare_step(p, o, sample)
+    s = prepare_step(p, o, sample, others)
     names = ("locked", "locked_at", "lock_last", "imposed_at")
     last = past.take(np.zeros(1, dtype=np.intp))
     for k in range(len(sample)):
@@ -234,7 +251,7 @@ def _with_bounds(
         of, state, here = p.take(row), o.take(row), past.take(row)
         last = next_bounds_history(of, state, here, motion_bounds(of, state, here), out[row])
     # what slide and spin do at stops does not depend on the impacts before: all at once
-    near = approach(p, tables, o, s, held_of(p, o, s, motion_bounds(p, o, past)), out)
+    near = _approach(p, tables, o, s, held_of(p, o, s, motion_bounds(p, o, past)), out)
     last = past.take(np.zeros(1, dtype=np.intp))
     for k in range(len(sample)):
         row = np.array([k])
@@ -242,7 +259,27 @@ def _with_bounds(
         of, state, here = p.take(row), o.take(row), past.take(row)
         b = bounds(of, tables, state, s.take(row), here, out[row], near.take(row))
         last = next_bounds_history(of, state, here, b, out[row])
-    return past
+    return past, near
+
+
+def _approach(
+    p: Parameters, tables: Sequence[FrictionTable], o: SampleState, s: Step, held: Held, out: Array
+) -> Approach:
+    """:func:`approach` of the samples of one scene: equal ones, as at rest, are solved once."""
+    used = [layout.STOP, layout.RESTITUTION, *range(layout.FORCE, layout.FORCE + 6)]
+    fields: list[NDArray[Any]] = [
+        o.position, o.w, o.held, s.free, s.bracket, s.target, s.hold, held.rate,
+        s.inverse_a.reshape(-1, 9), s.inverse_b.reshape(-1, 9), s.frame.axes.reshape(-1, 9),
+        s.frame.arm_a, s.frame.arm_b, p.h[:, None],
+        held.rows, held.rests, o.holding[:, None], out[:, used],
+    ]  # fmt: skip
+    keys = np.concatenate([np.asarray(f, dtype=np.float64) for f in fields], axis=1)
+    counted = keys[:, [not np.all(k == k[0]) for k in keys.T]]
+    _, first, of = np.unique(counted, axis=0, return_index=True, return_inverse=True)
+    of = of.reshape(-1)
+    return approach(
+        p.take(first), tables, o.take(first), s.take(first), held.take(first), out[first]
+    ).take(of)
 
 
 def _carry(past: History, last: History, k: int, names: Sequence[str]) -> None:

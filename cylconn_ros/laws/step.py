@@ -155,6 +155,31 @@ def frozen(p: Parameters, o: SampleState, sample: Array) -> Step:
     )
 
 
+def with_others(p: Parameters, s: Step, others: Array) -> Step:
+    """The step with the wrenches of other connectors among what is known.
+
+    others: (n, 12) force (N) and torque (N.m) about the mass centre in q~, world axes; A, then B.
+    """
+    h = _column(p.h)
+    gains, sizes = [], []
+    for body, inverse, w in (
+        (p.a, s.inverse_a, others[:, :6]), (p.b, s.inverse_b, others[:, 6:]),
+    ):  # fmt: skip
+        gain = h * _column(body.inverse_mass) * w[:, :3]
+        turn = h * rigid.out_of(inverse, w[:, 3:])
+        gains.append(np.where(_column(body.free), np.concatenate([gain, turn], axis=1), 0.0))
+        turn_size = h * rigid.out_of(np.abs(inverse), np.abs(w[:, 3:]))
+        size = np.concatenate([np.abs(gain), turn_size], axis=1)
+        sizes.append(np.where(_column(body.free), size, 0.0))
+    (a, b), (a_size, b_size) = gains, sizes
+    added, _ = relative(s.frame, a[:, :3], a[:, 3:], b[:, :3], b[:, 3:])
+    _, size = relative(s.frame, a_size[:, :3], a_size[:, 3:], b_size[:, :3], b_size[:, 3:])
+    return dataclasses.replace(
+        s, gain_a=s.gain_a + a, gain_b=s.gain_b + b,
+        free=s.free + added, free_size=s.free_size + size,
+    )  # fmt: skip
+
+
 def _of_motion(f: Frame, o: SampleState) -> tuple[Array, Array]:
     """(n, 6) J v for the sample's velocities in another configuration, and its size."""
     value, _ = relative(f, o.a.velocity, o.a.spin, o.b.velocity, o.b.spin)

@@ -20,7 +20,7 @@ REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
 
 def bounds_of(block: Block, o: SampleState, s: Step) -> Bounds:
     """Bounds of a block's steps, with the restitution coefficients that its outputs report."""
-    return bounds(block.parameters, block.tables, o, s, block.past, block.out)
+    return bounds(block.parameters, block.tables, o, s, block.past, block.out, block.near)
 
 
 def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size: Array) -> Array:
@@ -50,7 +50,10 @@ def stops(block: Block, o: SampleState, s: Step, b: Bounds, end: Array, end_size
     found = np.where(unreported | misreported | np.isnan(side), np.inf, found)
     found = np.maximum(found, _rest_residual(p, out, b))
     found = np.maximum(worst(found), _status_residual(p, out, b))
-    return np.where(p.bounded & ~b.ambiguous, found, np.nan)
+    judged = p.bounded & ~b.ambiguous
+    if block.others is not None:  # an impact changes the forces of the others
+        judged &= (b.impact == 0.0).all(axis=1)
+    return np.where(judged, found, np.nan)
 
 
 def _rest_residual(p: Parameters, out: Array, b: Bounds) -> Array:

@@ -41,6 +41,7 @@ class LawSummary:
     laws: dict[str, LawResult] = dataclasses.field(default_factory=dict)
     regimes: dict[str, int] = dataclasses.field(default_factory=lambda: dict.fromkeys(REGIMES, 0))
     samples: int = 0
+    tolerance: float = TOLERANCE
 
     def add(
         self, residuals: Mapping[str, Array], out: Array, columns: Sequence[NDArray[np.intp]]
@@ -59,7 +60,7 @@ class LawSummary:
             law = self.laws.setdefault(name, LawResult())
             applies = ~np.isnan(values)
             law.samples += int(applies.sum())
-            law.violations += int((values[applies] > TOLERANCE).sum())
+            law.violations += int((values[applies] > self.tolerance).sum())
             if applies.any() and (not law.location or np.nanmax(values) > law.worst):
                 row = int(np.nanargmax(values))
                 law.worst = float(values[row])

@@ -64,6 +64,7 @@ class Replay:
         names, outputs: resolved topic and type of every output, by its relative name.
         input_topics: recorded topics that are inputs.
         timing: by topic, the bytes that differ in every run.
+        beside: outputs, by log time, of connectors that are solved together with this one.
         counts: numbers of messages so far. motion: outputs of the samples so far.
 
     Raises RecordingError if the recording lacks an input that every sample needs, and SceneError if
@@ -87,22 +88,23 @@ class Replay:
         # Of a recording by the node: they follow the message that completed their sample.
         self._wrenches = wrenches & set(bag.types) if "version" in bag.metadata else set()
         self.pipeline.matcher.expects = self._expects
+        self.beside: Callable[[int], Iterator[Item]] = lambda _: iter(())
 
     def messages(self) -> Iterator[Item]:
         """Yield every recorded input and output message, and every replayed output."""
-        self._begin()
+        self.begin()
         end = 0
         for topic, log_time, data in self.bag.messages():
-            yield from self._process(topic, log_time, data)
+            yield from self.process(topic, log_time, data)
             end = log_time
-        yield from self._flush(end)
+        yield from self.flush(end)
 
     def parts(self) -> Iterator[Item | Batch]:
         """As :meth:`messages`, batched: runs of messages with known prefixes come as one Batch.
 
         The arrays of a batch are valid until the next part is requested.
         """
-        self._begin()
+        self.begin()
         by_topic = {topic: name for name, topic in self.inputs.items()}
         batches = Batches(self.pipeline, by_topic, self._wrenches)
         end = 0
@@ -117,9 +119,10 @@ class Replay:
                     self._count(batch)
                     yield batch
             end = int(block.log_time[-1]) if len(block) else end
-        yield from self._flush(end)
+        yield from self.flush(end)
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Prepare for :meth:`process`."""
         inputs = self.pipeline.inputs
         self._receive = {topic: inputs[name].receive for name, topic in self.inputs.items()}
 
@@ -130,12 +133,12 @@ class Replay:
         end = min(begin + _FEW, len(block))
         for k, (channel, log_time, _, data) in enumerate(block.messages(begin, end), begin + 1):
             topic = topics[channel]
-            yield from self._process(topic, log_time, data)
+            yield from self.process(topic, log_time, data)
             if topic in self.input_topics and batches.may_begin():
                 return k
         return end
 
-    def _process(self, topic: str, log_time: int, data: bytes) -> Iterator[Item]:
+    def process(self, topic: str, log_time: int, data: bytes) -> Iterator[Item]:
         """Yield a recorded message, and the outputs of the sample that it completes."""
         counts = self.counts
         counts.read += 1
@@ -163,12 +166,17 @@ class Replay:
     def _outputs(self, response: Response | None, log_time: int) -> Iterator[Item]:
         """Yield the outputs of a sample, and of those that are complete after it."""
         while response is not None:
-            self.counts.responses += 1
-            self.motion.add(self.pipeline.out[np.newaxis])
-            for (name, _), message in zip(OUTPUTS, response[1:], strict=True):
-                if message is not None:
-                    yield Item(self.names[name], log_time, message, True)
+            yield from self.respond(response, log_time)
+            yield from self.beside(log_time)
             response = self.pipeline.next()
+
+    def respond(self, response: Response, log_time: int) -> Iterator[Item]:
+        """Yield the outputs of one sample."""
+        self.counts.responses += 1
+        self.motion.add(self.pipeline.out[np.newaxis])
+        for (name, _), message in zip(OUTPUTS, response[1:], strict=True):
+            if message is not None:
+                yield Item(self.names[name], log_time, message, True)
 
     def _expects(self, body: int, stamp: int) -> int:
         """Whether samples wait for the loads of a body (connector/load_history.py).
@@ -205,7 +213,7 @@ class Replay:
         counts.responses += len(batch)
         self.motion.add(batch.outs)
 
-    def _flush(self, log_time: int) -> Iterator[Item]:
+    def flush(self, log_time: int) -> Iterator[Item]:
         """Yield the outputs of samples that wait for loads, and count incomplete samples."""
         while self.pipeline.decoder.waiting is not None:
             yield from self._outputs(self.pipeline.give_up(), log_time)
