@@ -4,7 +4,8 @@ Bodies, parameters and states are random over extreme scales, each extreme joint
 mass and inertia ratios 1e-6 to 1e6, periods 0.1 to 100 ms, mu up to 10, mass centres metres off the
 axis, angular velocities up to 1000 rad/s, stops, locks, imposed motions. Then the method runs the
 bundled scenes. The outputs are checked against the laws that the method guarantees; the check
-shares no code with the solver. The exit code is 1 if a law does not hold to 1e-12.
+shares no code with the solver. The exit code is 1 if a law does not hold to 1e-12 (1e-9 for
+connectors that share bodies).
 
 For example:
   cylconn laws --samples 20000

@@ -15,9 +15,8 @@ if TYPE_CHECKING:
 
 def laws(summary: LawSummary, location: str = "scene/chain/index") -> list[str]:
     """Table of the largest residual of each law and the location of its sample."""
-    lines = [
-        f"{'law':<15}{'samples':>10}{'worst':>11}{f'beyond {summary.tolerance:.0e}':>14}  {location}"
-    ]
+    beyond = f"beyond {summary.tolerance:.0e}"
+    lines = [f"{'law':<15}{'samples':>10}{'worst':>11}{beyond:>14}  {location}"]
     for name in LAWS:
         law = summary.laws.get(name)
         if law is None or not law.samples:
