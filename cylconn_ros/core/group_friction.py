@@ -17,11 +17,14 @@ from cylconn_ros.core.dense import solve_general
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.group_problem import (
     GroupProblem,
+    contradiction,
     evaluate,
+    kept_share,
     linearise,
     list_unknowns,
     reaction_at,
     shift,
+    sticks,
 )
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import eigen2
@@ -37,8 +40,7 @@ _LAST_SWEEPS: Final = 100
 _WAYS: Final = 5
 _DECREASE: Final = 0.03  # of the proximal term
 _MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
-_CONTRADICTS: Final = 1e-4  # of a rate
-_AT_REST: Final = 1e-12  # excess over the limit that is still stick, relative
+_CONTRADICTS: Final = 1e-2  # of a rate
 
 
 @inline_function
@@ -263,14 +265,6 @@ def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     return found, steps
 
 
-@inline_function
-def sticks(g: GroupProblem, c: int) -> bool:
-    """Whether friction of connector c is within its disc, s+ = -back."""
-    i, j = 2 * c, 2 * c + 1
-    out = math.sqrt(g.away[i] ** 2 + g.away[j] ** 2)
-    return out <= g.radius[c] * (1.0 + _AT_REST)
-
-
 @device_function
 def _clear(g: GroupProblem) -> None:
     n = 2 * g.number
@@ -348,7 +342,7 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
         turned, least = -1, 0.25
         for c in range(g.number):  # one at a time: the others may then go on
             if g.on[c] != 0.0 and g.theta[c] < 1.0:
-                share = _kept_share(g, c)
+                share = kept_share(g, c)
                 if not share > least or (turned < 0 and not share > 0.25):
                     turned, least = c, share
         if turned < 0:
@@ -360,34 +354,12 @@ def solve_group_friction(g: GroupProblem, was_stick: Array) -> tuple[float, int]
             found, taken = _from_rest(g, unknowns)
             steps += taken
     if found <= ACCEPTED:
-        against = _contradiction(g)
+        against = contradiction(g)
         if against > _CONTRADICTS:
             return against, steps
         found, taken = _settle(g, unknowns, found)
         steps += taken
     return found, steps
-
-
-@inline_function
-def _contradiction(g: GroupProblem) -> float:
-    """The part of a rate, relative, by which the proximal term reconciles bounds of s+."""
-    n, worst = 2 * g.number, 0.0
-    for j in range(n):
-        if g.p[j] != 0.0:
-            size = abs(g.free[j]) + abs(g.low[j] if g.p[j] > 0.0 else g.high[j])
-            left = g.epsilon[0] * g.mobility[j // 2] * abs(g.p[j] - g.anchor[n + j])
-            worst = max(worst, left / size if size > 0.0 else 0.0)
-    return worst
-
-
-@inline_function
-def _kept_share(g: GroupProblem, c: int) -> float:
-    """s-.s+ / |s-|^2: slip goes on in its direction if it is above 1/4."""
-    if sticks(g, c):
-        return 0.0
-    i, j = 2 * c, 2 * c + 1
-    x, y = g.before[i], g.before[j]
-    return float((x * (g.end[i] + g.back[i]) + y * (g.end[j] + g.back[j])) / (x * x + y * y))
 
 
 @device_function

@@ -18,7 +18,7 @@ The radii depend on the unknowns: a quasi-variational inequality. As a fixed poi
 Where several connectors stick, the friction of each can be undetermined. A term EPSILON m (phi -
 phi_0) is added to s^, m the mobility of the connector's bodies in translation: with phi_0 = 0 it
 selects the friction of least norm that the discs admit; then phi_0 is the solution itself, so that
-nothing of the term remains (proximal point method). With the same term on p, several stops share
+nothing of the term remains (proximal point method). With such a term on p, several stops share
 their load equally. Friction takes no share of what is at rest at a stop or a lock: there ``slips``
 is 0, also for components of other connectors that cannot move without it.
 """
@@ -30,6 +30,8 @@ from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.jit import device_function, inline_function
 
+STOPS: Final = 100.0  # ratio of the terms of reactions and friction
+_AT_REST: Final = 1e-12  # excess over the limit that is still stick, relative
 _DIFFERENCE: Final = 1e-6  # relative, for the slopes of a limit that is not constant
 
 
@@ -110,7 +112,7 @@ def evaluate(g: GroupProblem, follow: bool) -> float:
 @inline_function
 def _softness(g: GroupProblem, j: int) -> float:
     """Factor of the proximal term of the reaction p_j."""
-    return float(g.epsilon[0] * g.mobility[j // 2])
+    return float(STOPS * g.epsilon[0] * g.mobility[j // 2])
 
 
 @inline_function
@@ -302,3 +304,33 @@ def _linearise_disc(
         g.matrix[row, unknowns] = -g.residual[i]
     if both or not first:
         g.matrix[second_row, unknowns] = -g.residual[j]
+
+
+@inline_function
+def sticks(g: GroupProblem, c: int) -> bool:
+    """Whether friction of connector c is within its disc, s+ = -back."""
+    i, j = 2 * c, 2 * c + 1
+    out = math.sqrt(g.away[i] ** 2 + g.away[j] ** 2)
+    return out <= g.radius[c] * (1.0 + _AT_REST)
+
+
+@inline_function
+def contradiction(g: GroupProblem) -> float:
+    """The part of a rate, relative, by which the proximal term reconciles bounds of s+."""
+    n, worst = 2 * g.number, 0.0
+    for j in range(n):
+        if g.p[j] != 0.0:
+            size = abs(g.free[j]) + abs(g.low[j] if g.p[j] > 0.0 else g.high[j])
+            left = _softness(g, j) * abs(g.p[j] - g.anchor[n + j])
+            worst = max(worst, left / size if size > 0.0 else 0.0)
+    return worst
+
+
+@inline_function
+def kept_share(g: GroupProblem, c: int) -> float:
+    """s-.s+ / |s-|^2: slip goes on in its direction if it is above 1/4."""
+    if sticks(g, c):
+        return 0.0
+    i, j = 2 * c, 2 * c + 1
+    x, y = g.before[i], g.before[j]
+    return float((x * (g.end[i] + g.back[i]) + y * (g.end[j] + g.back[j])) / (x * x + y * y))

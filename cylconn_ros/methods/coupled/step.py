@@ -18,13 +18,12 @@ each connector completes its step as if it were alone, the forces of the others 
 (methods/free_axes/step.py): it solves its friction and limits once more, and stores its history.
 """
 
-import math
 from typing import Final
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.dense import solve_general
 from cylconn_ros.core.free_gain import store_step, update_gain
-from cylconn_ros.core.friction import SIZE, Array, coefficient, contact, limit, set_limit
+from cylconn_ros.core.friction import SIZE, Array
 from cylconn_ros.core.group_friction import (
     GroupProblem,
     limit_friction,
@@ -67,9 +66,10 @@ from cylconn_ros.methods.coupled.contacts import (
     has_any_stop,
     solve_limited,
 )
+from cylconn_ros.methods.coupled.friction_law import CONVERGED, fix_limit, write_law
 from cylconn_ros.methods.coupled.memory import parts
 from cylconn_ros.methods.dispatch import begin, finish
-from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep
 from cylconn_ros.methods.free_axes.step import complete_free_axes, pose_free_axes
 
 # --- report of a step ---
@@ -79,9 +79,7 @@ OFF: Final = 2  # rate of the constraints that contradict each other, m/s
 NREPORT: Final = 3
 
 CONTRADICTION: Final = 1e-5  # m in a step, by which constraints may contradict each other
-AT_REST: Final = 1e-12  # slip over the terms that make it up
 HELD: Final = 1e-9  # relative mobility; below it what is at rest holds a component
-CONVERGED: Final = 1e-9  # residual of a solution
 
 
 @device_function
@@ -268,46 +266,6 @@ def _complete(
     return finish(par, mem, sample, h, flags, out)
 
 
-@inline_function
-def _fix_limit(par: Array, kept: Array, g: GroupProblem, c: int, solved: bool) -> None:
-    """Fix the limit of connector c at that of the group's solution; keep the law's numbers.
-
-    With a limit of its own, that depends on its forces, the connector could find another solution
-    than the group: jam, where all together slide.
-    """
-    at = model.FRICTION
-    for k in range(SIZE):
-        kept[k] = par[at + k]
-    if g.on[c] == 0.0:
-        return
-    radius = g.radius[c] if solved else g.fixed[c]
-    i, j = 2 * c, 2 * c + 1
-    x, y = g.end[i] + g.back[i], g.end[j] + g.back[j]
-    if math.sqrt(x * x + y * y) <= AT_REST * (g.size[i] + g.size[j]):
-        radius *= 1.0 + CONVERGED  # at rest: stick, at its limit too
-    set_limit(par, at, radius)
-
-
-@inline_function
-def _write_law(par: Array, r: ReducedStep, out: Array) -> None:
-    """Write coefficient, limit and the flag of a jam by the true law of the connector."""
-    law = model.law(par)
-    normal, traction = out[layout.NORMAL_FORCE], out[layout.TRACTION]
-    if out[layout.REGIME] == layout.SLIP:
-        if normal > 0.0 and traction < law.cap:
-            out[layout.FRICTION_COEFFICIENT] = traction / normal
-        else:
-            out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
-        return
-    out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
-    out[layout.FRICTION_LIMIT] = limit(law, par, 0.0, normal)
-    f1 = out[layout.FORCE] - out[layout.FORCE_FRICTION]
-    m1 = out[layout.MOMENT] - out[layout.MOMENT_FRICTION]
-    grown = normal - contact(law, reactions(r, f1, m1)).normal
-    if not (coefficient(law, par, 0.0, grown) * grown >= traction > 0.0):
-        out[layout.FLAGS] = int(out[layout.FLAGS]) & ~layout.JAMMED
-
-
 @device_function
 def _meets_stops(
     par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array, a: Arrays,
@@ -324,7 +282,7 @@ def _meets_stops(
                 limit_friction(g)
             _write_total(g, a, constants)
         r = _reduced(a, c, count, h)
-        _fix_limit(par[c], a.kept, g, c, residual <= CONVERGED)
+        fix_limit(par[c], a.kept, g, c, residual <= CONVERGED)
         for k in range(model.NMEM):
             a.scratch[k] = mem[c, k]
         bounded = find_contacts(
@@ -371,12 +329,12 @@ def _step(
     for c in range(count):
         r = _reduced(a, c, count, h)
         moves = (g.moves[2 * c] != 0.0, g.moves[2 * c + 1] != 0.0)
-        _fix_limit(par[c], a.kept, g, c, solved)
+        fix_limit(par[c], a.kept, g, c, solved)
         status = _complete(par[c], mem[c], samples[c], h, r, moves, flags, a.prepared[c], outs[c])
         for k in range(SIZE):
             par[c, model.FRICTION + k] = a.kept[k]
         if status == layout.OK and model.law(par[c]).on:
-            _write_law(par[c], r, outs[c])
+            write_law(par[c], r, outs[c])
         worst = status if worst == layout.OK else worst
     if worst != layout.OK:
         return worst
