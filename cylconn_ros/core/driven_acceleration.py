@@ -1,10 +1,14 @@
 """Acceleration of a driven body, from its samples."""
 
+from typing import Final
+
 from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.rigid_body import Motion
-from cylconn_ros.core.vectors import Vector, dot, scale, sub
+from cylconn_ros.core.vectors import Vector, dot, norm, scale, sub
+
+ROUNDING: Final = 1e-13  # relative
 
 
 @inline_function
@@ -22,6 +26,13 @@ def _lesser(a: Vector, b: Vector) -> Vector:
     return a if dot(a, a) <= dot(b, b) else b
 
 
+@inline_function
+def _rate_of_change(before: Vector, now: Vector, size: float, h: float) -> Vector:
+    """Change over h; zero if it is rounding of terms of the magnitude ``size``."""
+    change = sub(now, before)
+    return scale(1.0 / h, change) if norm(change) > ROUNDING * size else (0.0, 0.0, 0.0)
+
+
 @device_function
 def update_acceleration(mem: Array, m: Motion, k: int, h: float) -> None:
     """Update the acceleration of a driven body from its last three samples.
@@ -36,8 +47,10 @@ def update_acceleration(mem: Array, m: Motion, k: int, h: float) -> None:
     linear, angular, use = zero, zero, (zero, zero)
     known = h > 0.0 and mem[model.JUMPED] == 0.0 and mem[model.CONTRADICTED] == 0.0
     if known:
-        linear = scale(1.0 / h, sub(m.velocity, before))
-        angular = scale(1.0 / h, sub(m.spin, spin))
+        turning = norm(m.spin) + norm(spin)
+        size = norm(m.velocity) + norm(before) + turning * norm(m.com)
+        linear = _rate_of_change(before, m.velocity, size, h)
+        angular = _rate_of_change(spin, m.spin, turning, h)
         use = (
             _lesser(linear, model.vector(mem, at)),
             _lesser(angular, model.vector(mem, at + 3)),

@@ -30,7 +30,7 @@ from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, coefficient, contact, limit
 from cylconn_ros.core.jit import device_function, inline_function
 
-STOPS: Final = 100.0  # ratio of the terms of reactions and friction
+STOPS: Final = 10.0  # ratio of the terms of reactions and friction
 _AT_REST: Final = 1e-12  # excess over the limit that is still stick, relative
 _DIFFERENCE: Final = 1e-6  # relative, for the slopes of a limit that is not constant
 
