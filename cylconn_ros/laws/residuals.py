@@ -27,6 +27,7 @@ from cylconn_ros.laws.step import CONSTRAINED, FREE, Step, rates_from_wrench, re
 from cylconn_ros.laws.stops import bounds_of, stops
 
 Array = NDArray[np.float64]
+NEARLY_AT_REST = 1e-5  # of the change of a rate in a step
 
 
 def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict[str, Array]:
@@ -63,7 +64,7 @@ def impulse(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     components = component_residual(p, o, s, out, end, end_size)
     return {
         "constraint": constraint(s, end, end_size),
-        **friction_laws(block, o, s, end, end_size, reactions, _rests(p, out, b)),
+        **friction_laws(block, o, s, end, end_size, reactions, _rests(p, o, s, out, b)),
         "stops": stops(block, o, s, b, end, end_size),
         "balance": np.maximum(wrench_residual(p, o, s, out, weakened=True), components),
     }
@@ -78,11 +79,14 @@ RESIDUALS: dict[str, Callable[[Block, SampleState, Step], dict[str, Array]]] = {
 """Residuals of a block by method, for the methods that compute the wrench of a sample."""
 
 
-def _rests(p: Parameters, out: Array, b: Bounds) -> Bools:
-    """(n, 2) what a bound holds at rest; at a stop beside a drive, what the outputs say rests."""
-    sticks = out[:, layout.REGIME] == layout.STICK
-    beside = driven(p, b) & (stop_sides(out) != 0.0) & sticks[:, None]
-    return np.asarray(b.rests(out) | beside)
+def _rests(p: Parameters, o: SampleState, s: Step, out: Array, b: Bounds) -> Bools:
+    """(n, 2) what a bound holds at rest; where rounding or a drive decides, as the outputs say."""
+    sticks, at_stop = out[:, layout.REGIME] == layout.STICK, stop_sides(out) != 0.0
+    beside = driven(p, b) & sticks[:, None]
+    w = o.w[:, FREE]
+    slow = np.abs(w) <= NEARLY_AT_REST * np.abs(s.free[:, FREE] - w)
+    untouched = out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]] == 0.0
+    return np.asarray(b.rests(out) | (at_stop & (beside | (slow & untouched))))
 
 
 def wrench_size(p: Parameters, o: SampleState, s: Step, out: Array, end: Array) -> Array:
