@@ -33,7 +33,8 @@ ALLOWED_RISE = 5e-3  # of the kinetic energy
 TOLERANCE = 1e-6  # of the energy exchanged
 SLACK = 1e-4  # of the bounds: two integrators of fourth order
 LEAST_TURN = 0.05  # rad, at the mean of the least and the greatest radius of gyration
-MOST_TURN = 3.0  # rad by which a body may turn in a step: beyond, it is not resolved
+MOST_TURN = 10.0  # rad by which a body may turn in a step: beyond, it is not resolved
+MOST_TURN_ALONE = 3.0  # the same for a single sample, whose loads are random
 WITHOUT_STOPS = False  # leave out the steps in which a stop acts
 
 
@@ -59,7 +60,7 @@ def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
 
     in_order: the samples follow each other, so that gains add up.
     """
-    g = gains(block, o, s)
+    g = gains(block, o, s, MOST_TURN if in_order else MOST_TURN_ALONE)
     excess = np.maximum(g.gain - g.bound * (1.0 + SLACK), 0.0)
     if in_order:
         rise = 0.0
@@ -71,7 +72,7 @@ def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
     return np.where(g.applies, excess / size, np.nan)
 
 
-def gains(block: Block, o: SampleState, s: Step) -> Gains:
+def gains(block: Block, o: SampleState, s: Step, most_turn: float = MOST_TURN) -> Gains:
     """Energy that the published wrenches put into the bodies."""
     p, out = block.parameters, block.out
     with np.errstate(all="ignore"):
@@ -89,7 +90,7 @@ def gains(block: Block, o: SampleState, s: Step) -> Gains:
         bound = ALLOWED_RISE * _relative_energy(p, o) + _pull_in_energy(p, o, s)
         turn = np.maximum(a.turn, b.turn)
         far = p.h * np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin)) * _arm_ratio(p, o)
-        applies = (far > LEAST_TURN) & (turn < MOST_TURN) & np.isfinite(gain)
+        applies = (far > LEAST_TURN) & (turn < most_turn) & np.isfinite(gain)
         # the reaction of a drive that a stop can hold back is not all its own
         held_back = np.isfinite(p.stops).any(axis=2) & p.imposed
         applies &= ~held_back.any(axis=1)
