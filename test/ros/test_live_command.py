@@ -188,7 +188,7 @@ def test_parameter_acts_as_a_command_and_the_newest_takes_precedence():
 def test_changed_position_starts_the_imposed_motion_there():
     def scene(position: float) -> Scene:
         motion = {"command__slide__position": position, "command__slide__velocity": 0.5}
-        return make(reference__pull_in_speed=10.0, **motion)
+        return make(command__slide__approach_speed=10.0, **motion)
 
     loop = Loop(scene(0.0))
     for _ in range(20):

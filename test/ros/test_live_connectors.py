@@ -87,8 +87,12 @@ def test_each_connector_has_its_own_numbers_in_one_run(scene, tmp_path, capsys):
     capsys.readouterr()
     assert command("info", run) == 0
     assert "2 connectors; details of one with --connector NAME" in capsys.readouterr().out
-    assert command("replay", run) != 0
-    assert "several connectors, front, rear: choose one" in capsys.readouterr().err
+    assert command("replay", run, "--compare") == 0
+    found = capsys.readouterr().out
+    assert "front:\n" in found
+    assert "outputs identical" in found
+    assert command("replay", run, "--closed-loop") == 2
+    assert "several connectors, front, rear: --closed-loop needs one" in capsys.readouterr().err
     with pytest.raises(RecordingError, match="has front, rear"):
         Bag(run, "side")
 
