@@ -159,11 +159,11 @@ def _rows(one: AxisRecording, window: float, delay: float) -> tuple[Array, Array
     t = one.time[rows]
     middle, half = 0.5 * (t[:, :1] + t[:, -1:]), 0.5 * (t[:, -1:] - t[:, :1])
     x = (t - middle) / half
-    bell = 1.0 - x * x
-    w = bell**POWER
-    w1 = -2.0 * POWER * x * bell ** (POWER - 1) / half
+    base = 1.0 - x * x
+    w = base**POWER
+    w1 = -2.0 * POWER * x * base ** (POWER - 1) / half
     w2 = (
-        -2.0 * POWER * bell ** (POWER - 1) + 4.0 * POWER * (POWER - 1) * x * x * bell ** (POWER - 2)
+        -2.0 * POWER * base ** (POWER - 1) + 4.0 * POWER * (POWER - 1) * x * x * base ** (POWER - 2)
     ) / half**2
     dt = np.gradient(t, axis=1)
     q = one.position[rows] - one.position[rows[:, :1]]

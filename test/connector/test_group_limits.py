@@ -63,7 +63,7 @@ def test_two_stops_at_the_same_place_share_the_weight(restitution: float) -> Non
     stop = cr.Stops(l_min=-1.0, restitution=restitution)
     run = simulate_group([_rail(0.2, stop), _rail(-0.2, stop)], 4200)
     force = run.outs[-100:, :, layout.FORCE_REACTION]
-    np.testing.assert_allclose(force, WEIGHT / 2.0, rtol=5e-2)
+    np.testing.assert_allclose(force, WEIGHT / 2.0, rtol=2e-2)
     np.testing.assert_allclose(force.sum(axis=1), WEIGHT, rtol=1e-9)
 
 

@@ -53,7 +53,7 @@ def test_an_axis_through_the_command(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_a_value_that_is_not_determined_is_withheld(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A force of 400 N a sample that nobody recorded."""
+    """A force of 400 N that acts on the body and is not in the recording."""
     write_axis(tmp_path / "bag", axis.simulate(seed=1, noise=400.0))
     assert main(["identify", str(tmp_path / "bag"), "--axis", "/joint_states"]) == 1
     assert "not determined" in capsys.readouterr().out
