@@ -32,7 +32,7 @@ import cylconn_ros
 from cylconn_ros.cli import closed_loop, replay_several, scenes
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.replay_report import report, show
+from cylconn_ros.cli.replay_report import conclude, report
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
@@ -106,13 +106,7 @@ def run(options: argparse.Namespace) -> int:
         _process(replay, comparison, options.output, progress)
     report(replay, time.perf_counter() - start[0], time.process_time() - start[1])
     passed = not bag.damage and not replay.problem()
-    if comparison is not None:
-        passed &= show(comparison.result(), options.tolerance)
-    if options.output is not None:
-        print(f"kept        {options.output}\nnext: cylconn info {options.output}")
-    else:
-        other = "" if options.compare else ", or compare it with the recorded one with --compare"
-        print(f"next: keep the run with -o NAME{other}")
+    passed &= conclude(comparison, options.tolerance, options.output)
     return 0 if passed else 1
 
 

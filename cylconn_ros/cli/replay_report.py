@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from cylconn_ros.replay.compare import Topic, verdict
+from pathlib import Path
+
+from cylconn_ros.replay.compare import Comparison, Topic, verdict
 from cylconn_ros.replay.replay import Replay
 
 _SHOWN = 6  # fields per topic
@@ -38,6 +40,17 @@ def report(replay: Replay, seconds: float, cpu: float) -> None:
         print(f"note        {text}")
     if problem := replay.problem():
         print(f"NOT USABLE  {problem}")
+
+
+def conclude(comparison: Comparison | None, tolerance: float, output: Path | None) -> bool:
+    """Print the comparison, if there is one, and the next command; False if outputs diverge."""
+    well = comparison is None or show(comparison.result(), tolerance)
+    if output is not None:
+        print(f"kept        {output}\nnext: cylconn info {output}")
+    else:
+        other = ", or compare it with the recorded one with --compare" if comparison is None else ""
+        print(f"next: keep the run with -o NAME{other}")
+    return well
 
 
 def show(topics: list[Topic], tolerance: float) -> bool:

@@ -7,7 +7,7 @@ import time
 
 from cylconn_ros.cli import scenes as scene_files
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.replay_report import report, show
+from cylconn_ros.cli.replay_report import conclude, report
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
@@ -49,13 +49,7 @@ def run(bag: Bag, options: argparse.Namespace) -> int:
         print(f"{name}:")
         report(member, *elapsed)
         passed &= not member.problem()
-    if comparison is not None:
-        passed &= show(comparison.result(), options.tolerance)
-    if options.output is not None:
-        print(f"kept        {options.output}\nnext: cylconn info {options.output}")
-    else:
-        other = "" if options.compare else ", or compare it with the recorded one with --compare"
-        print(f"next: keep the run with -o NAME{other}")
+    passed &= conclude(comparison, options.tolerance, options.output)
     return 0 if passed else 1
 
 
