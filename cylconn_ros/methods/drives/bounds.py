@@ -32,11 +32,12 @@ from cylconn_ros.methods.free_axes.complementarity import (
     ReducedStep,
     StepWithSprings,
     solve_case,
+    solve_with_limits,
 )
 from cylconn_ros.methods.free_axes.contacts import (
     LimitedSolution,
     StopBounds,
-    solve_with_stops,
+    by_the_disc,
     stop_bounds,
     with_stops,
     without_stops,
@@ -177,8 +178,9 @@ def solve_driven(
         if driven[1] and state2 == 0:
             spin, contact2 = clipped(par, mem, o, r, here, h, explicit, 1, c1, c2, eps)
         is_free = side1 == 0 and side2 == 0
-        solved, sides, slide, spin = solve_with_stops(
-            par, mem, o, r, here, h, explicit, slide, spin, free, is_free
+        slide, spin = by_the_disc(slide), by_the_disc(spin)
+        solved, sides = solve_with_limits(
+            par, mem, o, r, here, h, explicit, slide.bounds, spin.bounds, free, is_free
         )
         f, g = solved.reaction
         if not (driven[0] and state1 == 0):

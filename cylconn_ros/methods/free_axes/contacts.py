@@ -301,11 +301,11 @@ def solve_with_stops(
             if holds:
                 return found, sides, slide, spin
     found, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
-    return found, sides, _by_the_disc(slide), _by_the_disc(spin)
+    return found, sides, by_the_disc(slide), by_the_disc(spin)
 
 
 @inline_function
-def _by_the_disc(c: StopBounds) -> StopBounds:
+def by_the_disc(c: StopBounds) -> StopBounds:
     """The same bounds, of an impact whose friction is on the disc."""
     return StopBounds(
         c.bounds, c.restitution, c.rebound, c.acceleration, c.time, c.continues, NO_IMPACT

@@ -31,6 +31,7 @@ from cylconn_ros.methods.free_axes.complementarity import (
 )
 
 BISECTIONS = 50
+ROUNDING = 1e-14  # of the terms of the work: an elastic impact without friction gains none
 SLACK = 1e-13  # relative, of rates that are compared with bounds
 
 
@@ -88,7 +89,11 @@ def _impulses_with(
         active.free[1] + active.s[1] * f + active.s[2] * m,
     )
     stop = x[0] - f if k == 0 else x[1] - m
-    return stop, (f, m), after, x[0] * (rates[0] + after[0]) + x[1] * (rates[1] + after[1])
+    work = x[0] * (rates[0] + after[0]) + x[1] * (rates[1] + after[1])
+    terms = abs(x[0]) * (abs(rates[0]) + abs(after[0])) + abs(x[1]) * (
+        abs(rates[1]) + abs(after[1])
+    )
+    return stop, (f, m), after, work - ROUNDING * terms
 
 
 @device_function
