@@ -30,6 +30,7 @@ class Impulses(Rows):
     ratio: Array  # (n, 2) rho, N/N and N.m/N (N/(N.m) and 1 for spin)
     after: Array  # (n, 2) rates of slide and spin after the impact
     work: Array  # (n,) of the impulses, relative to the sum of its terms
+    pushes: Bools  # (n,) the stop's impulse opposes the rate
     mobility: Array  # (n, 2, 2) A h, rates by forces
     undecided: Bools  # (n,) rounding decides
 
@@ -90,4 +91,4 @@ def impulses(
     work = rigid.dot(total, rates + after) / np.maximum(size, 1e-300)
     ratio = np.where(stop[:, None] != 0.0, friction / np.where(stop, stop, 1.0)[:, None], 0.0)
     undecided |= ~np.isfinite(after).all(axis=1)
-    return Impulses(ratio, after, work, a, undecided)
+    return Impulses(ratio, after, work, stop * rates[:, k] < 0.0, a, undecided)

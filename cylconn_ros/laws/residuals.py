@@ -85,14 +85,15 @@ RESIDUALS: dict[str, Callable[[Block, SampleState, Step], dict[str, Array]]] = {
 def _with_impacts(
     found: dict[str, Array], impact: ImpactFriction, b: Bounds, out: Array
 ) -> dict[str, Array]:
-    """The laws of friction, where one of them fails with the friction of an impact in their place.
+    """The laws of friction; in steps of an impact, its friction in their place where it fits.
 
     It is judged as the law of the slip direction: the motion that it opposes is the ideal one. It
     is not where rounding decides whether there is an impact, and how it goes on.
     """
     worst_one = np.nanmax(np.stack([np.zeros(len(impact.off)), *found.values()]), axis=0)
     unknown = impact.undecided | (b.ambiguous & (stop_sides(out) != 0.0).any(axis=1))
-    rows = impact.rows & (impact.off < worst_one) | (unknown & (worst_one > TOLERANCE))
+    better = impact.required | (impact.off < worst_one)
+    rows = (impact.rows & better) | (unknown & (worst_one > TOLERANCE))
     own = np.where(unknown, np.nan, impact.off)
     return {
         law: np.where(rows, own if law == "slip_direction" else np.nan, values)
