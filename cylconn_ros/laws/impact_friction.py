@@ -60,7 +60,8 @@ def impact_friction(
         expected = smooth + i.ratio * stop[:, None]
         terms = np.abs(before) + np.abs(after) + np.abs(i.ratio * stop[:, None])
         off = np.abs(np.einsum("nij,nj->ni", i.mobility, given - expected))
-        scale = size[index] + b.rebound_size[index, k, None]
+        bound = np.where(b.impact[index, k] < 0.0, b.low_size[index, k], b.high_size[index, k])
+        scale = size[index] + (b.rebound_size[index, k] + bound)[:, None]
         scale = scale + np.einsum("nij,nj->ni", np.abs(i.mobility), terms)
         found.rows[index] = True
         found.off[index] = (off / np.maximum(scale, 1e-300)).max(axis=1)
