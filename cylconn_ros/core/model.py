@@ -131,7 +131,10 @@ HELD_WRENCH: Final = ACCELERATIONS + 24  # 12: the last wrench as at LAST_A, at 
 PENDING_ACCELERATION: Final = HELD_WRENCH + 12  # 2: of the gap after the impact
 PENDING_TIME: Final = PENDING_ACCELERATION + 2  # 2: from the first step's sample to the impact, s
 PENDING_RESTITUTION: Final = PENDING_TIME + 2  # 2
-DRIVE_POSITION: Final = PENDING_RESTITUTION + 2  # 2: method penalty, position that a drive holds
+PENDING_FRICTION: Final = PENDING_RESTITUTION + 2  # 2 x 7: whether the friction of an impact acts;
+#                             rates at the impact, friction before and after it (free_axes/
+#                             impact_friction.py), 2 each
+DRIVE_POSITION: Final = PENDING_FRICTION + 14  # 2: method penalty, position that a drive holds
 NMEM: Final = DRIVE_POSITION + 2
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.ideal_motion import UNDECIDED, ends_within_a_step, fall, latest
+from cylconn_ros.laws.impulses import impulses
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
 from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.roots import select_solution
@@ -53,6 +54,9 @@ class Approach(Rows):
     closes: Bools  # the bounces end within a step
     size: Array  # of the rates that follow
     undecided: Bools  # rounding decides, or the coefficient is not known
+    rates: Array  # (n, 2, 2) of slide and spin at the impact of each component
+    friction_before: Array  # (n, 2, 2) N, N.m, until that impact
+    friction_after: Array  # (n, 2, 2) after it
 
 
 @dataclasses.dataclass
@@ -62,6 +66,7 @@ class Ends(Rows):
     rate: Array
     size: Array
     undecided: Bools  # (n,)
+    friction: Array  # (n, 2) N, N.m
 
 
 def gap_at(p: Parameters, o: SampleState, side: float) -> tuple[Array, Array, Bools]:
@@ -105,7 +110,7 @@ def ends_of(q: Problem, tables: Sequence[Table], hold: Array) -> Ends:
     rate = (q.free + rigid.out_of(q.s, phi)) / unit - hold
     size = (q.free_size + rigid.out_of(np.abs(q.s), np.abs(phi))) / unit
     size = size * (1.0 + 1e-3 * q.condition)[:, None]
-    return Ends(rate, size, undecided | ~np.isfinite(rate).all(axis=1))
+    return Ends(rate, size, undecided | ~np.isfinite(rate).all(axis=1), unit * phi)
 
 
 def rests_at(p: Parameters, w: Array, w_size: Array, change: Array) -> tuple[Bools, Bools]:
@@ -120,7 +125,10 @@ def _nothing(n: int) -> Approach:
     """No rest and no impacts, for n samples."""
     rest, side, time, hit, before, after, restitution, size = np.zeros((8, n, 2))
     closes, undecided = np.zeros((2, n, 2), dtype=np.bool_)
-    return Approach(rest, side, time, hit, before, after, restitution, closes, size, undecided)
+    pairs = np.zeros((3, n, 2, 2))
+    return Approach(
+        rest, side, time, hit, before, after, restitution, closes, size, undecided, *pairs
+    )
 
 
 def approach(
@@ -216,10 +224,9 @@ def _impacts(
     open_: Bools,
 ) -> Approach:
     """``found`` with the impacts of the components ``open_`` (n, 2)."""
-    w, unit = o.w[:, FREE], unit_of(p)
+    w = o.w[:, FREE]
     q = problem_of(p, o, s, held.rows, held.rate, held.rests)
     ends = ends_of(q, tables, s.hold)
-    coupling = problem_of(p, o, s).s / unit[:, :, None] / unit[:, None, :]
     for k in range(2):
         first: Array = np.full(len(p.h), np.inf)
         size = ends.size[:, k] + o.w_size[:, FREE[k]]
@@ -244,9 +251,8 @@ def _impacts(
                 getattr(found, name)[:, k] = np.where(hits, value, getattr(found, name)[:, k])
         rows = np.flatnonzero(found.side[:, k] != 0.0)
         if len(rows):
-            part, other = found.take(rows), coupling[rows, 0, 1] / coupling[rows, k, k]
             these = (p.take(rows), tables, o.take(rows), s.take(rows), held.take(rows))
-            part = _rebound(*these, coefficient[rows], part, k, other)
+            part = _rebound(*these, coefficient[rows], found.take(rows), k, ends.take(rows))
             for field in dataclasses.fields(found):
                 getattr(found, field.name)[rows, k] = getattr(part, field.name)[:, k]
     both = (found.side != 0.0).all(axis=1) & (p.restitution > 0.0)
@@ -263,20 +269,21 @@ def _rebound(
     coefficient: Array,
     found: Approach,
     k: int,
-    share: Array,
+    free: Ends,
 ) -> Approach:
     """``found`` with the motion of component k after its impact.
 
-    share: (n,) change of the other component's rate by that of k. A coefficient that is reported
-    as 0 is that of a series of bounces that ends within the step, if it does.
+    free: the step without its stops. A coefficient that is reported as 0 is that of a series of
+    bounces that ends within the step, if it does.
     """
     side, hit = found.side[:, k], found.hit[:, k]
     given = np.where(coefficient > 0.0, coefficient, p.restitution)
     rebound = -given * hit
-    change = -side * (rebound + side * o.w[:, FREE[k]])
-    jump = np.zeros((len(p.h), 2))
-    jump[:, k] = change
-    jump[:, 1 - k] = np.where(held.rows[:, 1 - k], 0.0, share * change)
+    w = o.w[:, FREE]
+    rates = w + (found.time[:, k] / p.h)[:, None] * (free.rate - w)
+    rates[:, k] = -side * hit
+    i = impulses(p, tables, o, s, rates, k, given, held.rows[:, 1 - k])
+    jump = i.after - w
     moved, step = begun_at(p, o, s, jump)
     q = problem_of(p, moved, step, held.rows, held.rate, held.rests)
     ends = ends_of(q, tables, step.hold)
@@ -287,6 +294,8 @@ def _rebound(
     # reported as 0 though the series goes on: the energy may have reduced the coefficient
     unknown = (coefficient == 0.0) & (p.restitution > 0.0) & ~closes
     found.closes[:, k], found.restitution[:, k], found.after[:, k] = closes, given, after
-    found.undecided[:, k] |= near | slight | ends.undecided | unknown
+    found.undecided[:, k] |= near | slight | ends.undecided | unknown | i.undecided
+    found.rates[:, k], found.friction_before[:, k] = rates, free.friction
+    found.friction_after[:, k] = ends.friction
     found.size[:, k] += size
     return found

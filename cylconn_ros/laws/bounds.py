@@ -58,6 +58,10 @@ class Bounds(Rows):
     acceleration: Array
     time: Array
     restitution: Array
+    rates: Array  # (n, 2, 2) of slide and spin at the impact of each component
+    before: Array  # (n, 2, 2) friction until it, N, N.m
+    after: Array  # (n, 2, 2) friction after it
+    followed: Bools  # (n, 2) the step is one of the two that follow an impact
     ambiguous: Bools  # (n,) rounding decides whether an impact begins, or began before
     locked_at: Array  # (n,)
     imposed_at: Array  # (n, 2)
@@ -98,7 +102,9 @@ def motion_bounds(p: Parameters, o: SampleState, past: History) -> Bounds:
         imposed=p.imposed,
         begins=no.copy(),
         goes_on=no.copy(),
-        **{name: none.copy() for name in ("rest", "impact", "hit", *CARRIED)},
+        followed=no.copy(),
+        **{name: none.copy() for name in ("rest", "impact", "hit", *SCALARS)},
+        **{name: np.zeros((n, 2, 2)) for name in PAIRS},
         ambiguous=past.ambiguous.copy(),
         locked_at=past.locked_at,
         imposed_at=_imposed_at(p, o, past),
@@ -108,7 +114,9 @@ def motion_bounds(p: Parameters, o: SampleState, past: History) -> Bounds:
     return found
 
 
-CARRIED = ("rebound", "rebound_size", "acceleration", "time", "restitution")
+SCALARS = ("rebound", "rebound_size", "acceleration", "time", "restitution")
+PAIRS = ("rates", "before", "after")
+CARRIED = (*SCALARS, *PAIRS)
 """Fields of an impact that its second step needs; the history has them too."""
 
 
@@ -175,6 +183,7 @@ def _set_stops(p: Parameters, o: SampleState, past: History, b: Bounds, near: Ap
     for rows, values in ((first & ~near.closes, begun), (second & ~later[2], later)):
         target, size = np.where(rows, values[0], target), np.where(rows, values[1], size)
     b.impact = np.where(first | second, side, 0.0)
+    b.followed = (first & ~near.closes) | (second & ~later[2] & ~lost)
     b.goes_on |= first
     b.time = np.where(first & near.closes, near.time, b.time)
     for at in (-1.0, 1.0):
@@ -239,6 +248,7 @@ def _first_step(
     b.rebound, b.rebound_size = np.where(rows, rebound, 0.0), np.where(rows, size, 0.0)
     b.acceleration = np.where(rows, near.after, 0.0)
     b.time, b.restitution = np.where(rows, time, 0.0), np.where(rows, eps, 0.0)
+    b.rates, b.before, b.after = near.rates, near.friction_before, near.friction_after
     return first_target(gap, w, end, h, explicit), 4.0 * (size + end.size)
 
 
@@ -267,7 +277,8 @@ def _second_step(
     b.goes_on |= again & ~lost
     for name in CARRIED:
         value = getattr(past, name) - (elapsed if name == "time" else 0.0)
-        setattr(b, name, np.where(rows, value, getattr(b, name)))
+        of = rows if value.ndim == 2 else rows[:, :, None]
+        setattr(b, name, np.where(of, value, getattr(b, name)))
     return target, wide, np.asarray((end.gap == 0.0) & (end.rate == 0.0) & ~lost)
 
 

@@ -13,20 +13,20 @@ Array = NDArray[np.float64]
 
 
 def contact(p: Parameters, force: Array, moment: Array) -> tuple[Array, Array, Array, Array]:
-    """(n,) Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (n, 3) force, moment."""
-    radial = np.hypot(force[:, 1], force[:, 2])
-    bending = np.hypot(moment[:, 1], moment[:, 2])
+    """Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (..., n, 3) force, moment."""
+    radial = np.hypot(force[..., 1], force[..., 2])
+    bending = np.hypot(moment[..., 1], moment[..., 2])
     lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
     return radial, bending, lever * bending, np.abs(radial + lever * bending + p.preload)
 
 
 def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(n,) coefficient mu at slip rate |s| (m/s) and contact force FN (N)."""
+    """(..., n) coefficient mu at slip rate |s| (m/s) and contact force FN (N)."""
     with np.errstate(under="ignore"):
         mu = p.kinetic + (p.static - p.kinetic) * np.exp(-p.decay * rate)
     for number in np.unique(p.table[p.table >= 0]):
         rows = p.table == number
-        mu[rows] = interpolated(tables[number], rate[rows], normal[rows])
+        mu[..., rows] = interpolated(tables[number], rate[..., rows], normal[..., rows])
     return mu
 
 
@@ -43,7 +43,7 @@ def slopes(p: Parameters, tables: Sequence[Table]) -> tuple[Array, Array]:
 
 
 def interpolated(table: Table, rate: Array, force: Array) -> Array:
-    """(n,) bilinear interpolation in the table, constant outside."""
+    """Bilinear interpolation in the table, constant outside."""
     i, t = _interval(table.rates, rate)
     j, u = _interval(table.forces, force)
     k, m = np.minimum(i + 1, len(table.rates) - 1), np.minimum(j + 1, len(table.forces) - 1)
@@ -53,7 +53,7 @@ def interpolated(table: Table, rate: Array, force: Array) -> Array:
 
 
 def _interval(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
-    """(n,) index of the interval that contains x, and the position in it, 0 to 1."""
+    """Index of the interval that contains x, and the position in it, 0 to 1."""
     x = np.clip(x, axis[0], axis[-1])
     i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, max(len(axis) - 2, 0))
     if len(axis) == 1:
@@ -62,5 +62,5 @@ def _interval(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
 
 
 def limit(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(n,) friction limit min(cap, mu FN), N."""
+    """(..., n) friction limit min(cap, mu FN), N."""
     return np.minimum(p.cap, coefficient(p, tables, rate, normal) * normal)

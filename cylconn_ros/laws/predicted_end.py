@@ -2,8 +2,9 @@
 
 For |w| h between LEAST_ROTATION and MOST_ROTATION, PASSES times: predict the end of the step under
 the wrench for the present target, with f1 and m1 of the previous output, and take from there one
-Newton step for J(q+) v+ + k e(q+)/h = 0. Rotations are integrated as the plant defines them:
-Runge-Kutta-Munthe-Kaas of fourth order, in steps of at most a tenth of a radian.
+Newton step for J(q+) v+ + k e(q+)/h = 0; none at all if one leaves more of it than at first.
+Rotations are integrated as the plant defines them: Runge-Kutta-Munthe-Kaas of fourth order, in
+steps of at most a tenth of a radian.
 """
 
 from __future__ import annotations
@@ -86,7 +87,9 @@ def with_predicted_end(p: Parameters, o: SampleState, s: Step, sample: Array) ->
     spread = np.abs(inverse(inner))
     h = p.h[:, None]
     going = np.ones(len(p.h), dtype=np.bool_)
-    for _ in range(PASSES):
+    arms = rigid.norm(s.frame.arm_a) + rigid.norm(s.frame.arm_b)
+    begun, least = s, np.asarray(np.zeros(len(p.h)))
+    for number in range(PASSES):
         wrench, terms = np.zeros((len(p.h), 6)), np.zeros((len(p.h), 6))
         wrench[:, FREE] = o.total
         terms[:, FREE] = np.abs(o.total)
@@ -101,17 +104,34 @@ def with_predicted_end(p: Parameters, o: SampleState, s: Step, sample: Array) ->
         rates, rates_size = s.free + added, s.free_size + added_size
         rates[:, CONSTRAINED] = s.target
         end = _end(p, o, s, sample, wrench, terms)
-        going &= end.known
-        s = _newton_step(p, o, s, rates, rates_size, end, going)
+        away = dataclasses.replace(o, error=end.error, error_size=end.error_size)
+        back, back_size = pull_in_rates(away, p.h / GAIN, pull_in_limits(p, o))
+        d = end.rates[:, CONSTRAINED] - back
+        left = rigid.dot(d[:, :2], d[:, :2]) + arms**2 * rigid.dot(d[:, 2:], d[:, 2:])
+        least = left if number == 0 else least
+        diverges = going & ~(end.known & (left <= least))
+        s = _as_begun(s, begun, diverges)
+        going &= ~diverges
+        s = _newton_step(s, rates, rates_size, end, back, back_size, going)
     return s
 
 
+def _as_begun(s: Step, begun: Step, rows: Bools) -> Step:
+    """The step ``s`` with bracket and target of ``begun`` in the ``rows``."""
+    at = rows[:, None]
+    return dataclasses.replace(
+        s,
+        bracket=np.where(at, begun.bracket, s.bracket),
+        bracket_size=np.where(at, begun.bracket_size, s.bracket_size),
+        target=np.where(at, begun.target, s.target),
+        target_size=np.where(at, begun.target_size, s.target_size),
+    )
+
+
 def _newton_step(
-    p: Parameters, o: SampleState, s: Step, rates: Array, size: Array, end: _End, going: Bools
+    s: Step, rates: Array, size: Array, end: _End, back: Array, back_size: Array, going: Bools
 ) -> Step:
-    """One Newton step, for the rows in ``going``."""
-    away = dataclasses.replace(o, error=end.error, error_size=end.error_size)
-    back, back_size = pull_in_rates(away, p.h / GAIN, pull_in_limits(p, o))
+    """One Newton step, for the rows in ``going``; back: rates of correction at the end."""
     share, rows = 1.0 / (1.0 + 0.5 * GAIN), going[:, None]
     target = s.target - share * (end.rates[:, CONSTRAINED] - back)
     target_size = s.target_size + share * (end.rates_size[:, CONSTRAINED] + back_size)

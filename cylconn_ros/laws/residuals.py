@@ -18,7 +18,8 @@ from cylconn_ros.laws.balance import component_residual, wrench_residual
 from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
 from cylconn_ros.laws.explicit_methods import augmented_lagrangian, baumgarte, penalty
 from cylconn_ros.laws.guarantees import guaranteed_laws
-from cylconn_ros.laws.normalised import Block, ratio, worst
+from cylconn_ros.laws.impact_friction import ImpactFriction, impact_friction
+from cylconn_ros.laws.normalised import TOLERANCE, Block, ratio, worst
 from cylconn_ros.laws.parameters import Bools, Parameters
 from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.sample_state import SampleState, state_of
@@ -62,9 +63,11 @@ def impulse(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     end_size = s.free_size + rates_from_wrench(p, s, wrench, terms)[1]
     reactions = reaction_size(p, s, wrench, terms)
     components = component_residual(p, o, s, out, end, end_size)
+    friction = friction_laws(block, o, s, end, end_size, reactions, _rests(p, o, s, out, b))
+    size = end_size[:, FREE] + s.bracket_size[:, FREE]
     return {
         "constraint": constraint(s, end, end_size),
-        **friction_laws(block, o, s, end, end_size, reactions, _rests(p, o, s, out, b)),
+        **_with_impacts(friction, impact_friction(p, block.tables, o, s, b, out, size), b, out),
         "stops": stops(block, o, s, b, end, end_size),
         "balance": np.maximum(wrench_residual(p, o, s, out, weakened=True), components),
     }
@@ -77,6 +80,25 @@ RESIDUALS: dict[str, Callable[[Block, SampleState, Step], dict[str, Array]]] = {
     "augmented_lagrangian": augmented_lagrangian,
 }
 """Residuals of a block by method, for the methods that compute the wrench of a sample."""
+
+
+def _with_impacts(
+    found: dict[str, Array], impact: ImpactFriction, b: Bounds, out: Array
+) -> dict[str, Array]:
+    """The laws of friction; in steps of an impact, its friction in their place where it fits.
+
+    It is judged as the law of the slip direction: the motion that it opposes is the ideal one. It
+    is not where rounding decides whether there is an impact, and how it goes on.
+    """
+    worst_one = np.nanmax(np.stack([np.zeros(len(impact.off)), *found.values()]), axis=0)
+    unknown = impact.undecided | (b.ambiguous & (stop_sides(out) != 0.0).any(axis=1))
+    better = impact.required | (impact.off < worst_one)
+    rows = (impact.rows & better) | (unknown & (worst_one > TOLERANCE))
+    own = np.where(unknown, np.nan, impact.off)
+    return {
+        law: np.where(rows, own if law == "slip_direction" else np.nan, values)
+        for law, values in found.items()
+    }
 
 
 def _rests(p: Parameters, o: SampleState, s: Step, out: Array, b: Bounds) -> Bools:

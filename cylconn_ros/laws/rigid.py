@@ -55,8 +55,8 @@ def skew(v: Array) -> Array:
 
 
 def out_of(m: Array, a: Array) -> Array:
-    """(n, 3) m a: components in the turned frame to components in the outer frame."""
-    return np.asarray(np.einsum("nij,nj->ni", m, a))
+    """(..., n, 3) m a: components in the turned frame to components in the outer frame."""
+    return np.asarray(np.einsum("nij,...nj->...ni", m, a))
 
 
 def into(m: Array, a: Array) -> Array:
@@ -77,10 +77,10 @@ def cross_size(a: Array, b: Array) -> Array:
 
 
 def norm(a: Array) -> Array:
-    """(n,) lengths, safe from overflow and underflow."""
-    greatest = np.max(np.abs(a), axis=1)
+    """(...,) lengths, safe from overflow and underflow."""
+    greatest = np.max(np.abs(a), axis=-1)
     unit = np.where(greatest > 0.0, greatest, 1.0)
-    return np.asarray(greatest * np.sqrt(np.sum((a / unit[:, None]) ** 2, axis=1)))
+    return np.asarray(greatest * np.sqrt(np.sum((a / unit[..., None]) ** 2, axis=-1)))
 
 
 def twist_angle(q: Array) -> Array:

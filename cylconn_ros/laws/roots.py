@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 GRID = 1200
 REFINED_GRID = 100  # points within the interval of the first change of sign
 MOST_STEPS = 1000
+AT_A_TIME = 100_000  # candidates that are computed at once
 LOG_STEP = 0.1  # of log r, in the search from stick to the nearest root
 ITERATIONS = 90  # bisections or golden sections
 SAME_SOLUTION = 1e-3  # relative difference of phi within one solution
@@ -43,8 +44,8 @@ class Curve(Rows):
     unbounded: Bools  # (n,) a held component moves: |phi| has no bound at r = 0
 
     def phi(self, r: Array) -> Array:
-        """(n, 2) candidate at r (n,)."""
-        return rigid.out_of(self.vectors, -self.along / (self.values + r[:, None]))
+        """(..., n, 2) candidate at r (..., n)."""
+        return rigid.out_of(self.vectors, -self.along / (self.values + r[..., None]))
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -52,20 +53,26 @@ class Curve(Rows):
         return self.values.min(axis=1), self.values.max(axis=1)
 
     def gap(self, tables: Sequence[Table], r: Array) -> Array:
-        """(n,) limit/|phi| - 1 at r; negative from the first to the second root below r = inf."""
+        """(..., n) limit/|phi| - 1 at r; negative from the first to the second root below inf."""
         q, p = self.problem, self.problem.parameters
         phi = self.phi(r)
         size = rigid.norm(phi)
         found = limit(p, tables, r * size, contact_at(q, phi)) / size - 1.0
         return np.asarray(np.where(self.unbounded & (r == 0.0), -1.0, found))
 
+    def gaps(self, tables: Sequence[Table], r: Array) -> Array:
+        """(m, n) gaps at m candidates r (m, n), some at a time."""
+        many = max(AT_A_TIME // max(r.shape[1], 1), 1)
+        return np.concatenate([self.gap(tables, r[k : k + many]) for k in range(0, len(r), many)])
+
 
 def contact_at(q: Problem, phi: Array) -> Array:
-    """(n,) normal force FN for the friction phi (n, 2), N."""
-    force, none = q.base + rigid.out_of(q.by, phi), np.zeros(len(phi))
-    return contact(
-        q.parameters, np.column_stack([none, force[:, :2]]), np.column_stack([none, force[:, 2:]])
-    )[3]
+    """(..., n) normal force FN for the friction phi (..., n, 2), N."""
+    found = q.base + rigid.out_of(q.by, phi)
+    none = np.zeros_like(found[..., :1])
+    force = np.concatenate([none, found[..., :2]], axis=-1)
+    moment = np.concatenate([none, found[..., 2:]], axis=-1)
+    return contact(q.parameters, force, moment)[3]
 
 
 def curve_of(q: Problem, theta: float) -> Curve:
@@ -97,7 +104,7 @@ def first_root(c: Curve, tables: Sequence[Table]) -> tuple[Array, Array, Array]:
         * np.where(lesser > 0.0, lesser, np.where(greater > 0.0, np.minimum(greater, rest), rest))
     )
     points = top + (low - top) * np.linspace(0.0, 1.0, GRID)[:, None]
-    gaps = np.stack([c.gap(tables, np.exp(x)) for x in points] + [c.gap(tables, np.zeros(n))])
+    gaps = c.gaps(tables, np.concatenate([np.exp(points), np.zeros((1, n))]))
     points = np.concatenate([points, low[None] - 40.0])
     below = gaps < 0.0
     changes = below[1:] != below[:-1]
@@ -142,7 +149,7 @@ def _narrowed(c: Curve, tables: Sequence[Table], high: Array, less: Array) -> Ar
     """First change of sign between ``high`` and ``less``, on a refined grid, then by bisection."""
     rows = np.arange(len(high))
     points = high + (less - high) * np.linspace(0.0, 1.0, REFINED_GRID)[:, None]
-    below = np.stack([c.gap(tables, np.exp(x)) < 0.0 for x in points])
+    below = c.gaps(tables, np.exp(points)) < 0.0
     first = np.maximum(below.argmax(axis=0), 1)
     high, less = points[first - 1, rows], points[first, rows]
     for _ in range(ITERATIONS):

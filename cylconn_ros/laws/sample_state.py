@@ -38,6 +38,9 @@ class History(Rows):
     acceleration: Array  # (n, 2) of the gap after it
     time: Array  # (n, 2) of the impact, from the previous sample
     restitution: Array  # (n, 2)
+    rates: Array  # (n, 2, 2) of slide and spin at the impact of each component
+    before: Array  # (n, 2, 2) friction until it, N, N.m
+    after: Array  # (n, 2, 2) friction after it
     ambiguous: Bools  # rounding decides whether an impact goes on
     locked: Bools
     locked_at: Array
@@ -67,6 +70,9 @@ def no_history(n: int) -> History:
         acceleration=np.zeros((n, 2)),
         time=np.zeros((n, 2)),
         restitution=np.zeros((n, 2)),
+        rates=np.zeros((n, 2, 2)),
+        before=np.zeros((n, 2, 2)),
+        after=np.zeros((n, 2, 2)),
         ambiguous=np.zeros(n, dtype=np.bool_),
         locked=np.zeros(n, dtype=np.bool_),
         locked_at=np.zeros(n),

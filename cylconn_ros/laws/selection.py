@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.approach import begun_at
-from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
+from cylconn_ros.laws.bounds import Bounds, bounds, driven, stop_sides
+from cylconn_ros.laws.impulses import impulses
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import Bools, Parameters, Table
 from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.reduced import WORST_CONDITION, Problem, problem_of
 from cylconn_ros.laws.roots import least_traction, nearest_to_stick, select_solution
 from cylconn_ros.laws.sample_state import SampleState, state_of
-from cylconn_ros.laws.step import FREE, Step
+from cylconn_ros.laws.step import Step
 from cylconn_ros.laws.stops import bounds_of
 
 Array = NDArray[np.float64]
@@ -99,6 +99,7 @@ def check(block: Block) -> SelectionCheck:
     even = values[:, 0] > values[:, 1] / (100.0 * WORST_CONDITION)
     rows &= even | held.any(axis=1)
     rows &= ~rests.all(axis=1)  # friction has no share there: the law of stops
+    rows &= ~(b.followed & (b.impact != 0.0)).any(axis=1)  # that of the impact
     index = np.flatnonzero(rows)
     q = q.take(index)
     given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]
@@ -113,8 +114,10 @@ def check(block: Block) -> SelectionCheck:
             others = others[differs[others]]
             same = others[~_differs(given[others], solve(q.take(others), tables))]
             sub = index[same]
-            these = (p.take(sub), tables, o.take(sub), s.take(sub), b.take(sub))
+            bound = _all_bounds(block, o, s, sub)
+            these = (p.take(sub), tables, o.take(sub), s.take(sub), bound)
             differs[same] = np.any([_is_consistent(*these, rule) for rule in before], axis=0)
+            differs[same] &= ~bound.ambiguous
             before.append(solve)
     slips = out[index, layout.REGIME] == layout.SLIP
     flagged = out[index, layout.FLAGS].astype(np.int64) & layout.SEVERAL_ROOTS != 0
@@ -127,6 +130,14 @@ def check(block: Block) -> SelectionCheck:
     columns[3, index] = wrong_flag & ~found.ambiguous & ~differs
     columns[4], columns[5] = _check_restitution(block, o, s, b)
     return SelectionCheck(rows, *columns)
+
+
+def _all_bounds(block: Block, o: SampleState, s: Step, rows: NDArray[np.intp]) -> Bounds:
+    """Bounds of the ``rows``, also of stops that only another solution than theirs reaches."""
+    out = block.out[rows].copy()
+    out[:, layout.STOP] = np.where(out[:, layout.STOP] == 0.0, 1.0, out[:, layout.STOP])
+    these = (block.parameters.take(rows), block.tables, o.take(rows), s.take(rows))
+    return bounds(*these, block.past.take(rows), out)
 
 
 def _differs(given: Array, expected: Array) -> Bools:
@@ -195,12 +206,7 @@ def _check_restitution(block: Block, o: SampleState, s: Step, b: Bounds) -> tupl
     rows = np.concatenate([np.arange(len(eps)), less])  # the coefficient, and a slightly larger one
     more = np.concatenate([eps, eps[less] * (1.0 + SLIGHT)])
     at = index[rows]
-    # the impact is that of a step which begins with the rates at the time of the impact
-    jump = np.where(b.begins, -b.impact * b.hit - o.w[:, FREE], 0.0)
-    there, step = begun_at(p, o, s, jump)
-    gain, certain = _gain(
-        block.tables, p.take(at), there.take(at), step.take(at), b.impact[at], more
-    )
+    gain, certain = _gain(block.tables, p.take(at), o.take(at), s.take(at), b.take(at), more)
     bad = gain[: len(eps)] > SLIGHT
     bad[less] |= gain[len(eps) :] < -SLIGHT
     certain[less] &= certain[len(eps) :]
@@ -211,19 +217,14 @@ def _check_restitution(block: Block, o: SampleState, s: Step, b: Bounds) -> tupl
 
 
 def _gain(
-    tables: Sequence[Table], p: Parameters, o: SampleState, s: Step, impact: Array, eps: Array
+    tables: Sequence[Table], p: Parameters, o: SampleState, s: Step, b: Bounds, eps: Array
 ) -> tuple[Array, Bools]:
-    """(n,) relative work of the impulses of an instant impact; whether it is unambiguous."""
-    w = o.w[:, FREE]
-    held = impact != 0.0
-    q = problem_of(p, o, s, held, -eps[:, None] * w)
-    unit = np.stack([np.ones_like(p.radius), p.radius], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        found = select_solution(q, tables)
-        phi = np.where(p.on[:, None], found.phi, 0.0)
-    push = q.push + rigid.out_of(q.push_by, phi)
-    rates = w + (q.free + rigid.out_of(q.s, phi)) / unit - s.hold
-    work = rigid.dot(push, rates)
-    size = np.abs(push) * (np.abs(w) + np.abs(rates - w))
-    certain = (~found.ambiguous | ~p.on) & (q.condition < WORST_CONDITION)
-    return work / np.maximum(size.sum(axis=1), 1e-300), certain
+    """(n,) relative work of the impulses of an impact; whether it is unambiguous."""
+    gain, certain = np.zeros(len(eps)), np.zeros(len(eps), dtype=np.bool_)
+    for k in range(2):
+        rows = np.flatnonzero(b.impact[:, k] != 0.0)
+        if len(rows):
+            there = (p.take(rows), tables, o.take(rows), s.take(rows))
+            i = impulses(*there, b.rates[rows, k], k, eps[rows], b.bilateral[rows, 1 - k])
+            gain[rows], certain[rows] = i.work, ~i.undecided
+    return gain, certain

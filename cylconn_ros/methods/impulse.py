@@ -162,11 +162,13 @@ def _with_predicted_end(
     """jacobian_change, target and reduced step for the predicted end: methods/predicted_end.py."""
     f1, m1 = mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1]
     limits, share = _correction_limits(par, o, h), 1.0 / (1.0 + 0.5 * GAIN)
-    for _ in range(NEWTON_ITERATIONS):
+    arms = norm(f.arm_a) + norm(f.arm_b)
+    begun, least = (jacobian_change, target, r, far), 0.0
+    for iteration in range(NEWTON_ITERATIONS):
         c = reactions(r, f1, m1)
         end = predict_end(par, mem, sample, o, f, (f1, c[0], c[1]), (m1, c[2], c[3]), h)
         if not end.known:
-            break
+            return begun
         v1 = r.free[0] - jacobian_change.v[0] + r.a[0] * f1 + r.a[1] * m1
         w1 = r.free[1] - jacobian_change.w[0] + r.a[1] * f1 + r.a[2] * m1
         v, w, e = end.twist.v, end.twist.w, end.error
@@ -177,11 +179,17 @@ def _with_predicted_end(
         e = scaled(e, correction_share(par, mem))
         y, z, far_offset = correction_rate(GAIN * e[0], GAIN * e[1], h, limits[0])
         p2, p3, far_angle = correction_rate(GAIN * e[2], GAIN * e[3], h, limits[1])
+        d = (v[1] - y, v[2] - z, w[1] - p2, w[2] - p3)
+        left = d[0] * d[0] + d[1] * d[1] + arms * arms * (d[2] * d[2] + d[3] * d[3])
+        if iteration == 0:
+            least = left
+        elif not left <= least:  # it diverges
+            return begun
         target = (
-            target[0] - share * (v[1] - y),
-            target[1] - share * (v[2] - z),
-            target[2] - share * (w[1] - p2),
-            target[3] - share * (w[2] - p3),
+            target[0] - share * d[0],
+            target[1] - share * d[1],
+            target[2] - share * d[2],
+            target[3] - share * d[3],
         )
         r, far = eliminate_constraint(g, wf, jacobian_change, target, h), far_offset or far_angle
     return jacobian_change, target, r, far

@@ -13,7 +13,8 @@ so that w_p = J~ v_p has w_p,c = target_c. With the end q_p, v_p and its constra
 
 is a Newton step for J(q+) v+ + k e(q+) / h = 0 at the true end of the step, with the matrix of q~.
 For slow rotation and k = 2 it equals the target that it replaces; an error is multiplied by
-(1 - k/2) / (1 + k/2) per step. -k e_p/h is limited like every correction.
+(1 - k/2) / (1 + k/2) per step. -k e_p/h is limited like every correction. If a step leaves more of
+J(q+) v+ + k e(q+) / h than there was before the first, the target stays as it was then.
 
 If both bodies rotate faster than MAX_TURN, one wrench per sample cannot hold the constraint: the
 bracket, which would add energy, is omitted, and the target is -e/h alone.

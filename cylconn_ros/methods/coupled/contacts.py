@@ -30,6 +30,7 @@ from cylconn_ros.methods.free_axes.contacts import (
     StopBounds,
     with_stops,
 )
+from cylconn_ros.methods.free_axes.impact_friction import NO_IMPACT
 from cylconn_ros.methods.free_axes.step import PosedFreeAxes, pose_free_axes
 
 LOW: Final = 0  # bounds of w+
@@ -101,7 +102,7 @@ def _read_limits(limits: Array, k: int) -> StopBounds:
     )
     return StopBounds(
         bounds, limits[at + RESTITUTION], limits[at + REBOUND], limits[at + ACCELERATION],
-        limits[at + TIME], limits[at + CONTINUES] != 0.0,
+        limits[at + TIME], limits[at + CONTINUES] != 0.0, NO_IMPACT,
     )  # fmt: skip
 
 
@@ -123,7 +124,7 @@ def find_contacts(
     rates, b1, b2 = (o.twist.v[0], o.twist.w[0]), q.b1, q.b2
     side1, side2 = -1 if b1.low == b1.high else 0, -1 if b2.low == b2.high else 0
     free = solve_case(par, mem, o, rates, r, q.sp, h, explicit, side1, b1, side2, b2, BY_RULE)
-    slide, spin = with_stops(par, mem, o, r, q.sp, h, explicit, b1, b2, free.end, q.eps)
+    slide, spin = with_stops(par, mem, o, r, q.sp, h, explicit, b1, b2, free, q.eps)
     contact1, contact2 = 0, 0
     if is_driven(par, 0, q.closed[0]):
         slide, contact1 = clipped(par, mem, o, r, q.sp, h, explicit, 0, b1, b2, q.eps)

@@ -37,10 +37,12 @@ from cylconn_ros.methods.free_axes.complementarity import (
 from cylconn_ros.methods.free_axes.contacts import (
     LimitedSolution,
     StopBounds,
+    by_the_disc,
     stop_bounds,
     with_stops,
     without_stops,
 )
+from cylconn_ros.methods.free_axes.impact_friction import NO_IMPACT
 
 BLOCKED = 1e-9  # of target and pull-in speed: smallest difference from a target that is a conflict
 ROUNDING = 1e-12  # relative, of forces and rates that are compared with a drive's
@@ -94,7 +96,8 @@ def clipped(
         sp = _pushed(sp, (most, 0.0) if k == 0 else (0.0, most))
         b1 = FREE if k == 0 else b1
         b2 = FREE if k == 1 else b2
-    c = stop_bounds(par, mem, o, r, sp, h, explicit, k, b1, b2, b.low, eps)
+    ends = (b.low, o.twist.w[0]) if k == 0 else (o.twist.v[0], b.low)
+    c = stop_bounds(par, mem, o, r, sp, h, explicit, k, b1, b2, ends, (0.0, 0.0), eps)
     low, high = c.bounds.low, c.bounds.high
     if low <= b.low <= high:
         return without_stops(b), 0
@@ -103,8 +106,11 @@ def clipped(
     rest = 1 if is_at_rest(par, k, w, held, b.low - w) else 0
     bounds = Bounds(held, held, c.bounds.impact, rest)
     return (
-        StopBounds(bounds, c.restitution, c.rebound, c.acceleration, c.time, c.continues), side
-    )  # fmt: skip
+        StopBounds(
+            bounds, c.restitution, c.rebound, c.acceleration, c.time, c.continues, NO_IMPACT
+        ),
+        side,
+    )
 
 
 @inline_function
@@ -165,13 +171,14 @@ def solve_driven(
         c2 = FREE if state2 != 0 else b2
         side1, side2 = -1 if c1.low == c1.high else 0, -1 if c2.low == c2.high else 0
         free = solve_case(par, mem, o, rates, r, here, h, explicit, side1, c1, side2, c2, BY_RULE)
-        slide, spin = with_stops(par, mem, o, r, here, h, explicit, c1, c2, free.end, eps)
+        slide, spin = with_stops(par, mem, o, r, here, h, explicit, c1, c2, free, eps)
         contact1, contact2 = 0, 0
         if driven[0] and state1 == 0:
             slide, contact1 = clipped(par, mem, o, r, here, h, explicit, 0, c1, c2, eps)
         if driven[1] and state2 == 0:
             spin, contact2 = clipped(par, mem, o, r, here, h, explicit, 1, c1, c2, eps)
         is_free = side1 == 0 and side2 == 0
+        slide, spin = by_the_disc(slide), by_the_disc(spin)
         solved, sides = solve_with_limits(
             par, mem, o, r, here, h, explicit, slide.bounds, spin.bounds, free, is_free
         )

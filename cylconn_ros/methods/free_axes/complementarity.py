@@ -77,7 +77,7 @@ def reactions(r: ReducedStep, f1: float, m1: float) -> Four:
 
 
 @inline_function
-def _free_reactions(r: ReducedStep, f1: float, m1: float) -> Four:
+def free_reactions(r: ReducedStep, f1: float, m1: float) -> Four:
     """by_f1 f1 + by_m1 m1."""
     return (
         r.by_f1[0] * f1 + r.by_m1[0] * m1,
@@ -281,8 +281,8 @@ def _friction(
     base = reactions(
         r, sp.push[0] - e1 * free[0] + active.q0[0], sp.push[1] - er * free[1] + active.q0[1]
     )
-    by_p = _free_reactions(r, active.q1[0] - e1 * s[0], active.q1[1] - er * s[1])
-    by_q = _free_reactions(
+    by_p = free_reactions(r, active.q1[0] - e1 * s[0], active.q1[1] - er * s[1])
+    by_q = free_reactions(
         r, radius * (active.q2[0] - e1 * s[1]), radius * (active.q2[1] - er * s[2])
     )
     d = make_disc_problem(

@@ -41,6 +41,14 @@ from cylconn_ros.methods.free_axes.complementarity import (
     ReducedStep,
     StepWithSprings,
     solve_case,
+    solve_with_limits,
+)
+from cylconn_ros.methods.free_axes.impact_friction import (
+    NO_IMPACT,
+    ImpactFriction,
+    impulses,
+    shared,
+    solve_impact,
 )
 
 LEAST_FEEDBACK = 0.8  # gain of the feedback below which impacts have no second step
@@ -56,6 +64,7 @@ class StopBounds(NamedTuple):
     acceleration: float  # of the gap after it
     time: float  # from the sample to the impact, s
     continues: bool  # whether the impact has another step
+    friction: ImpactFriction
 
 
 class LimitedSolution(NamedTuple):
@@ -73,7 +82,7 @@ class LimitedSolution(NamedTuple):
 @inline_function
 def without_stops(b: Bounds) -> StopBounds:
     """The bounds of a component that no stop holds."""
-    return StopBounds(b, 0.0, 0.0, 0.0, 0.0, False)
+    return StopBounds(b, 0.0, 0.0, 0.0, 0.0, False, NO_IMPACT)
 
 
 @inline_function
@@ -93,48 +102,9 @@ def _begun_at(sp: StepWithSprings, jump: Two) -> StepWithSprings:
 
 
 @inline_function
-def _jump(sp: StepWithSprings, k: int, change: float, other_fixed: bool) -> Two:
-    """Changes of both rates by an impulse on component k that changes its rate by ``change``."""
-    if k == 0:
-        return (change, 0.0 if other_fixed else change * sp.s[1] / sp.s[0])
-    return (0.0 if other_fixed else change * sp.s[1] / sp.s[2], change)
-
-
-@inline_function
 def _case_side(b: Bounds) -> int:
     """The case of a component without its stops: held at a prescribed rate, or free."""
     return -1 if b.low == b.high else 0
-
-
-@device_function
-def restitution_without_gain(
-    par: Array, mem: Array, o: RelativeState, rates: Two, r: ReducedStep, sp: StepWithSprings,
-    h: float, explicit: bool, k: int, b1: Bounds, b2: Bounds, eps: float,
-) -> float:  # fmt: skip
-    """The largest restitution <= eps for which the impact does not increase the kinetic energy.
-
-    rates: at the impact. Friction and coupled inertias could otherwise add energy: the work of the
-    impulses on slide and spin, (phi + p).(w- + w+)/2 with w+ = -eps w- of component k, must be
-    <= 0.
-    """
-    low, high = 0.0, eps
-    side1 = -1 if k == 0 else _case_side(b1)
-    side2 = -1 if k == 1 else _case_side(b2)
-    for attempt in range(40):
-        now = high if attempt == 0 else 0.5 * (low + high)
-        leaving = -now * rates[k]
-        c1 = Bounds(leaving, leaving, 0, 0) if k == 0 else b1
-        c2 = Bounds(leaving, leaving, 0, 0) if k == 1 else b2
-        s = solve_case(par, mem, o, rates, r, sp, h, explicit, side1, c1, side2, c2, BY_RULE)
-        work = (s.friction[0] + s.reaction[0]) * (rates[0] + s.end[0])
-        work += (s.friction[1] + s.reaction[1]) * (rates[1] + s.end[1])
-        if work <= 0.0:
-            low = now
-            if attempt == 0:
-                break
-        else:
-            high = now
-    return low
 
 
 @inline_function
@@ -164,8 +134,9 @@ def _one_sided(b: Two, side: int, target: float, impact: int, rest: int) -> Boun
 
 @inline_function
 def _second_step(
-    par: Array, mem: Array, k: int, x: float, w: float, h: float, explicit: bool
-) -> StopBounds:
+    par: Array, mem: Array, r: ReducedStep, k: int, x: float, w: float, h: float, explicit: bool,
+    other_fixed: bool,
+) -> StopBounds:  # fmt: skip
     """Bounds of an impact's second step; a return to the stop within reach follows at once."""
     side = -1 if mem[model.PENDING_SIDE + k] < 0.0 else 1
     elapsed = mem[model.LAST_PERIOD]
@@ -176,35 +147,55 @@ def _second_step(
     passed = mem[model.PENDING_TIME + k] - elapsed
     if elapsed > LOST * h:  # the last wrench acted for too long: it is taken back
         back = -side * ideal_end(rebound, a, eps, t, h, explicit)[1]
-        return StopBounds(Bounds(back, back, side, 0), eps, rebound, a, passed, False)
+        bounds = Bounds(back, back, side, 0)
+        return StopBounds(bounds, eps, rebound, a, passed, False, NO_IMPACT)
     both = _pulled_in(par, mem, k, x, w, h)
     before = t - 2.0 * h + latest(h, explicit)
     again = bounces(rebound, a, eps, before + h) != bounces(rebound, a, eps, before)
     ideal = ideal_end(rebound, a, eps, t + h if again else t, h, explicit)
+    friction = NO_IMPACT
     if ideal[0] == 0.0 and ideal[1] == 0.0:
         target = contact_rate(par, mem, k, gap, rate, h)
-    elif again:
-        target = first_rate(gap, rate, ideal, h, explicit)
     else:
-        target = ideal[1]
-    return StopBounds(_one_sided(both, side, target, side, 0), eps, rebound, a, passed, again)
+        target = first_rate(gap, rate, ideal, h, explicit) if again else ideal[1]
+        friction = _kept_friction(par, mem, r, k, side, eps, passed / h, other_fixed)
+    bounds = _one_sided(both, side, target, side, 0)
+    return StopBounds(bounds, eps, rebound, a, passed, again, friction)
+
+
+@inline_function
+def _kept_friction(
+    par: Array, mem: Array, r: ReducedStep, k: int, side: int, eps: float, share: float,
+    other_fixed: bool,
+) -> ImpactFriction:  # fmt: skip
+    """Friction of an impact's second step, of which ``share`` passes before the impact."""
+    at = model.PENDING_FRICTION + 7 * k
+    if mem[at] == 0.0:
+        return NO_IMPACT
+    rates = (mem[at + 1], mem[at + 2])
+    before, after = (mem[at + 3], mem[at + 4]), (mem[at + 5], mem[at + 6])
+    i = impulses(par, r, rates, k, side, eps, other_fixed)
+    return ImpactFriction(i.certain, shared(share, before, after), i.ratio, rates, before, after)
 
 
 @device_function
 def stop_bounds(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
-    explicit: bool, k: int, b1: Bounds, b2: Bounds, end: float, eps: float,
+    explicit: bool, k: int, b1: Bounds, b2: Bounds, ends: Two, friction: Two, eps: float,
 ) -> StopBounds:  # fmt: skip
     """Bounds of component k by its stops.
 
-    b1, b2: bounds without stops; end: rate of k at the end of the step without its stops.
+    b1, b2: bounds without stops; ends: rates at the end of the step without the stops of k, and
+    the friction in it.
     """
+    end = ends[0] if k == 0 else ends[1]
+    other_fixed = b2.low == b2.high if k == 0 else b1.low == b1.high
     x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
     if free_gain(par, mem) < 1.0:
         return without_stops(lowered_contact(par, mem, k, x, w, h))
     pending = abs(mem[model.PENDING_SIDE + k])
     if pending == 1.0 or (pending > 1.0 and mem[model.LAST_PERIOD] > LOST * h):
-        return _second_step(par, mem, k, x, w, h, explicit)
+        return _second_step(par, mem, r, k, x, w, h, explicit, other_fixed)
     both = _pulled_in(par, mem, k, x, w, h)
     side, found = 0, reached(math.inf, 0.0, 0.0, h, explicit)
     for s in (-1, 1):
@@ -226,68 +217,96 @@ def stop_bounds(
         return without_stops(Bounds(both[0], both[1], 0, 0))
 
     a1, gap, rate = -side * (end - w) / h, gap_of(par, k, x, side), -side * w
-    other_fixed = b2.low == b2.high if k == 0 else b1.low == b1.high
     time, hit = found.time, found.rate
-    if eps > 0.0:
-        eps = _reduced(
-            par, mem, o, r, sp, h, explicit, k, b1, b2, side, rate, hit, eps
-        )  # fmt: skip
-    rebound = -eps * hit
-    a2 = _leaving(
-        par, mem, o, r, sp, h, explicit, k, b1, b2, side, rebound - rate, rebound, other_fixed
-    )
+    rates = _rates_at(o, ends, time / h, k, -side * hit)
+    i = impulses(par, r, rates, k, side, eps, other_fixed)
+    eps, rebound = i.restitution, -i.restitution * hit
+    left = _leaving(par, mem, o, r, sp, h, explicit, b1, b2, i.after)
+    a2 = (-side * (left.end[0] if k == 0 else left.end[1]) - rebound) / h
     if closes(rebound, a2, eps, h):
         target = contact_rate(par, mem, k, gap, rate, h)
-        return StopBounds(_one_sided(both, side, target, side, 0), 0.0, 0.0, 0.0, time, True)
+        bounds = _one_sided(both, side, target, side, 0)
+        return StopBounds(bounds, 0.0, 0.0, 0.0, time, True, NO_IMPACT)
     if gap < 0.0 or time < earliest(h, explicit):
         time = max(time, earliest(h, explicit))
         gap, hit = bounded_gap(rate, a1, time, h, explicit)
         rebound = max(-eps * hit, 0.0)
     ideal = ideal_end(rebound, a2, eps, 2.0 * h - time, h, explicit)
     target = first_rate(gap, rate, ideal, h, explicit)
-    return StopBounds(_one_sided(both, side, target, side, 0), eps, rebound, a2, time, True)
+    smooth = shared(time / h, friction, left.friction)
+    acts = model.law(par).on and i.certain
+    return StopBounds(
+        _one_sided(both, side, target, side, 0), eps, rebound, a2, time, True,
+        ImpactFriction(acts, smooth, i.ratio, rates, friction, left.friction),
+    )  # fmt: skip
 
 
 @inline_function
-def _reduced(
-    par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
-    explicit: bool, k: int, b1: Bounds, b2: Bounds, side: int, rate: float, hit: float,
-    eps: float,
-) -> float:  # fmt: skip
-    """Eps' of an impact at the rate ``hit`` of the gap."""
-    change = -side * (hit - rate)
-    jump = (change, 0.0) if k == 0 else (0.0, change)
-    rates = (o.twist.v[0] + jump[0], o.twist.w[0] + jump[1])
-    return restitution_without_gain(
-        par, mem, o, rates, r, _begun_at(sp, jump), h, explicit, k, b1, b2, eps
-    )
+def _rates_at(o: RelativeState, ends: Two, share: float, k: int, hit: float) -> Two:
+    """Rates of slide and spin at an impact of component k, which has ``hit``."""
+    v1, w1 = o.twist.v[0], o.twist.w[0]
+    if k == 0:
+        return hit, w1 + share * (ends[1] - w1)
+    return v1 + share * (ends[0] - v1), hit
 
 
 @inline_function
 def _leaving(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
-    explicit: bool, k: int, b1: Bounds, b2: Bounds, side: int, change: float, rebound: float,
-    other_fixed: bool,
-) -> float:  # fmt: skip
-    """Acceleration of the gap in a step that begins after the rebound."""
-    jump = _jump(sp, k, -side * change, other_fixed)
-    rates = (o.twist.v[0] + jump[0], o.twist.w[0] + jump[1])
-    s = solve_case(
+    explicit: bool, b1: Bounds, b2: Bounds, rates: Two,
+) -> FreeAxesSolution:  # fmt: skip
+    """The step without its stops that begins with the ``rates`` after the rebound."""
+    jump = (rates[0] - o.twist.v[0], rates[1] - o.twist.w[0])
+    return solve_case(
         par, mem, o, rates, r, _begun_at(sp, jump), h, explicit,
         _case_side(b1), b1, _case_side(b2), b2, BY_RULE,
     )  # fmt: skip
-    return (-side * s.end[k] - rebound) / h
 
 
 @inline_function
 def with_stops(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
-    explicit: bool, b1: Bounds, b2: Bounds, end: Two, eps: float,
+    explicit: bool, b1: Bounds, b2: Bounds, free: FreeAxesSolution, eps: float,
 ) -> tuple[StopBounds, StopBounds]:  # fmt: skip
-    """Bounds of both components; those without stops, or with a prescribed rate, keep theirs."""
+    """Bounds of both components; those without stops, or with a prescribed rate, keep theirs.
+
+    ``free``: the step without stops.
+    """
     one, two = without_stops(b1), without_stops(b2)
     if has_stops(par, 0) and b1.low != b1.high:
-        one = stop_bounds(par, mem, o, r, sp, h, explicit, 0, b1, b2, end[0], eps)
+        one = stop_bounds(par, mem, o, r, sp, h, explicit, 0, b1, b2, free.end, free.friction, eps)
     if has_stops(par, 1) and b2.low != b2.high:
-        two = stop_bounds(par, mem, o, r, sp, h, explicit, 1, b1, b2, end[1], eps)
+        two = stop_bounds(par, mem, o, r, sp, h, explicit, 1, b1, b2, free.end, free.friction, eps)
     return one, two
+
+
+@inline_function
+def solve_with_stops(
+    par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
+    explicit: bool, slide: StopBounds, spin: StopBounds, free: FreeAxesSolution, is_free: bool,
+) -> tuple[FreeAxesSolution, tuple[int, int], StopBounds, StopBounds]:  # fmt: skip
+    """The solution within the bounds, the side of each component, and the bounds that act.
+
+    The friction of an impact is that of its ideal motion; where that does not fit, and where both
+    components have an impact, the disc decides as in any other step.
+    """
+    b1, b2 = slide.bounds, spin.bounds
+    if slide.friction.acts != spin.friction.acts:
+        k = 0 if slide.friction.acts else 1
+        friction = slide.friction if k == 0 else spin.friction
+        other = b2 if k == 0 else b1
+        if other.rest == 0 and other.impact == 0:
+            rates = (o.twist.v[0], o.twist.w[0])
+            found, sides, holds = solve_impact(par, rates, sp, k, b1, b2, friction)
+            if holds:
+                return found, sides, slide, spin
+    found, sides = solve_with_limits(par, mem, o, r, sp, h, explicit, b1, b2, free, is_free)
+    return found, sides, by_the_disc(slide), by_the_disc(spin)
+
+
+@inline_function
+def by_the_disc(c: StopBounds) -> StopBounds:
+    """The same bounds, of an impact whose friction is on the disc."""
+    return StopBounds(
+        c.bounds, c.restitution, c.rebound, c.acceleration, c.time, c.continues, NO_IMPACT
+    )

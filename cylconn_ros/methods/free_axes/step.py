@@ -37,11 +37,11 @@ from cylconn_ros.methods.free_axes.complementarity import (
     StepWithSprings,
     reactions,
     solve_case,
-    solve_with_limits,
 )
 from cylconn_ros.methods.free_axes.contacts import (
     LimitedSolution,
     StopBounds,
+    solve_with_stops,
     with_stops,
     without_stops,
 )
@@ -155,10 +155,10 @@ def _solve_undriven(
     solved, sides = free, (side1, side2)
     slide, spin = without_stops(b1), without_stops(b2)
     if has_stops(par, 0) or has_stops(par, 1):
-        slide, spin = with_stops(par, mem, o, r, q.sp, h, explicit, b1, b2, free.end, q.eps)
+        slide, spin = with_stops(par, mem, o, r, q.sp, h, explicit, b1, b2, free, q.eps)
         is_free = side1 == 0 and side2 == 0
-        solved, sides = solve_with_limits(
-            par, mem, o, r, q.sp, h, explicit, slide.bounds, spin.bounds, free, is_free
+        solved, sides, slide, spin = solve_with_stops(
+            par, mem, o, r, q.sp, h, explicit, slide, spin, free, is_free
         )
     contacts = (0 if side1 != 0 else sides[0], 0 if side2 != 0 else sides[1])
     return LimitedSolution(solved, sides, contacts, slide, spin, solved.reaction, False)
@@ -244,6 +244,11 @@ def _store_impact(mem: Array, k: int, c: StopBounds, side: int) -> float:
     mem[model.PENDING_ACCELERATION + k] = c.acceleration
     mem[model.PENDING_TIME + k] = c.time
     mem[model.PENDING_RESTITUTION + k] = c.restitution
+    at, friction = model.PENDING_FRICTION + 7 * k, c.friction
+    mem[at] = 1.0 if friction.acts else 0.0
+    mem[at + 1], mem[at + 2] = friction.rates
+    mem[at + 3], mem[at + 4] = friction.before
+    mem[at + 5], mem[at + 6] = friction.after
     return c.restitution
 
 
