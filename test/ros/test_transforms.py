@@ -64,10 +64,12 @@ def test_poses_become_transforms_and_unusable_ones_are_left_out() -> None:
 def test_a_shared_body_is_broadcast_once() -> None:
     left, right, silent = Topics(), Topics(), Topics()
     shared = {"body_a.frame": "rail", "body_b.frame": "left"}
-    topics_module.assign_frames({
-        left: scene(**shared), right: scene(**{**shared, "body_b.frame": "right"}),
+    scenes: Any = {
+        left: scene(**shared),
+        right: scene(**{**shared, "body_b.frame": "right"}),
         silent: scene(tf=False),
-    })  # type: ignore[dict-item]  # fmt: skip
+    }
+    topics_module.assign_frames(scenes)
     sample = np.zeros(layout.NSAMPLE)
     sample[[layout.A_POSE + 6, layout.B_POSE + 6]] = 1.0
     names = [
