@@ -119,7 +119,7 @@ class Topics:
             if name in self.remote:
                 continue
             topic = self.resolved(name)
-            profile = qos.samples(pipeline.scene.qos.reliability, qos.INPUT_DEPTH)
+            profile = self._input_profile(pipeline)
             receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
@@ -135,6 +135,10 @@ class Topics:
             lost = functools.partial(self._lost, topic)
             entries.append(InputSubscription(made, receive, lost, is_triggering(name)))
         return entries
+
+    @staticmethod
+    def _input_profile(pipeline: MessagePipeline) -> qos.QoSProfile:
+        return qos.samples(pipeline.scene.qos.reliability, qos.INPUT_DEPTH)
 
     def close_inputs(self) -> None:
         """Destroy the subscriptions; the SampleExecutor must have returned them."""
@@ -200,11 +204,12 @@ class Topics:
         return {name: self.resolved(name) for name in _kinds(pipeline)}
 
     def recorded_topics(self, pipeline: MessagePipeline) -> list[TopicInfo]:
-        """Topics of a recording, resolved, with the QoS in force."""
+        """Topics of a recording, resolved, with the QoS in force or, before they open, intended."""
         found = []
         for name, kind in _kinds(pipeline).items():
             topic = self.resolved(name)
-            profile = self._names[name][2] if name in self._names else qos.samples()
+            intended = self._input_profile(pipeline) if name in pipeline.inputs else qos.samples()
+            profile = self._names[name][2] if name in self._names else intended
             found.append(
                 TopicInfo(
                     name=topic,
