@@ -99,8 +99,13 @@ def rosbags(path: Path, rows: Sequence[Row], plugin: StoragePlugin, mode: str = 
     return path
 
 
-def as_recorded_by_rosbag2(path: Path, run: Path, mode: str, skip: int = 0) -> Path:
-    """The messages of a run without what cylconn_ros stores, but for the first ``skip`` samples."""
+def as_recorded_by_rosbag2(
+    path: Path, run: Path, mode: str, skip: int = 0, outputs: bool = True
+) -> Path:
+    """The messages of a run without what cylconn_ros stores, but for the first ``skip`` samples.
+
+    Without ``outputs`` their topics are there, but not their messages.
+    """
     source = Bag(run)
     store = get_typestore(Stores.ROS2_JAZZY)
     for topic, kind in source.types.items():
@@ -108,7 +113,7 @@ def as_recorded_by_rosbag2(path: Path, run: Path, mode: str, skip: int = 0) -> P
             store.register(get_types_from_msg(source.definitions[topic], kind))
     writer = RosbagsWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
     writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
-    left = dict.fromkeys(source.types, skip)
+    left = {topic: skip if outputs or topic in TOPICS else 10**9 for topic in source.types}
     with writer:
         connections = {
             topic: writer.add_connection(topic, kind, typestore=store)

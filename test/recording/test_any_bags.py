@@ -64,6 +64,11 @@ def test_a_run_that_rosbag2_recorded_goes_through_every_command(
     assert "the recording begins after the reference" in capsys.readouterr().out
     assert main(["salvage", bag, "-o", str(tmp_path / "salvaged")]) == 2
     assert "is complete" in capsys.readouterr().err
+    empty = any_bags.as_recorded_by_rosbag2(tmp_path / "empty", run, "message", outputs=False)
+    assert main(["replay", str(empty), "--params", SCENE, "--compare"]) == 1
+    assert "NOTHING COMPARED" in capsys.readouterr().out
+    assert main(["info", str(empty)]) == 0
+    assert "next: cylconn replay" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("absent", [False, True])
