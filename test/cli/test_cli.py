@@ -332,6 +332,6 @@ def test_a_start_beyond_a_stop_is_said(tmp_path: Path, capsys: pytest.CaptureFix
     node_a: {orientation: [0.0, 0.0, 0.0, 1.0]}
     stops: {l_min: 0.0, l_max: 0.08}
 """)
-    assert main(["simulate", str(scene), "--duration", "0.01"]) == 0
+    assert main.main(["simulate", str(scene), "--duration", "0.01"]) == 0
     out = capsys.readouterr().out
     assert "warning     slide starts at 0.2 m, beyond stops.l_max (0.08 m)" in out
