@@ -297,6 +297,8 @@ class _Fields:
         if not good.all():
             raise RecordingError(f"{int((~good).sum())} messages of {self._kind} cannot be decoded")
         old, new = sides[0][0], sides[1][0]
+        if not {"header.stamp.sec", "header.stamp.nanosec"} <= old.keys():
+            raise RecordingError(f"the recorded definition of {self._kind} has no header.stamp")
         seconds = old["header.stamp.sec"].astype(np.int64)
         stamp = seconds * 1_000_000_000 + old["header.stamp.nanosec"]
         differs = np.zeros(len(pairs), np.bool_)

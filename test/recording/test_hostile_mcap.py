@@ -11,10 +11,13 @@ import any_bags
 import pytest
 import zstandard
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 
 from cylconn_ros.cli.main import main
+from cylconn_ros.errors import RecordingError
+from cylconn_ros.recording import schema
 from cylconn_ros.recording.bag import Bag
+from cylconn_ros.scene.resources import shipped
 
 ROWS = any_bags.motion()[:200]
 
@@ -75,3 +78,51 @@ def test_the_rest_of_the_file_is_kept_in_bounded_memory(
     lost = [row for row in ROWS if row not in found]
     assert 1 <= len(lost) <= (1 if name == "unknown channel" else 20)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # KiB
+
+
+LEVELS = "".join(
+    f"{'=' * 80}\nMSG: b/L{k}\n" + "".join(f"L{k + 1} x{j}\n" for j in range(10))
+    for k in range(1, 14)
+)
+SCHEMAS = {
+    "itself": ("p/msg/A", "A a\n", "schema of p/A: it contains itself"),
+    "bomb": (
+        "b/msg/L1",
+        LEVELS.partition("MSG: b/L1\n")[2] + f"{'=' * 80}\nMSG: b/L14\nfloat64 y\n",
+        "10000 fields",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_definitions_without_end_are_refused(name: str, tmp_path: Path) -> None:
+    kind, text, reason = SCHEMAS[name]
+    with pytest.raises(RecordingError, match=reason):
+        schema.parse(kind, text)
+
+    def declare(writer: Writer) -> None:
+        number = writer.register_schema(kind, "ros2msg", text.encode())
+        writer.add_message(writer.register_channel("/x", "cdr", number), 10**18, bytes(12), 0)
+
+    path = any_bags.mcap(tmp_path / "x.mcap", ROWS, before=declare)
+    assert main(["info", str(path)]) == 0
+
+
+def test_stored_texts_that_are_none_stop_only_what_needs_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def declare(writer: Writer) -> None:
+        writer.add_metadata("cylconn_ros", {"parameters": "[", "connectors": "{", "node": "\0"})
+        fields = writer.register_schema("cylconn_ros/msg/ConnectorState", "ros2msg", b"float64 x\n")
+        channel = writer.register_channel("/connector/state", "cdr", fields)
+        writer.add_message(channel, 10**18, b"\0\1\0\0" + bytes(8), 0)
+
+    path = any_bags.mcap(tmp_path / "x.mcap", ROWS, before=declare)
+    path.write_bytes(path.read_bytes()[:-60])
+    assert main(["info", str(path)]) == 1
+    assert main(["salvage", str(path), "-o", str(tmp_path / "kept")]) == 0
+    scene = ["--params", str(shipped("slide_and_spin"))]
+    for command in (["replay", *scene], ["replay", "--compare", *scene], ["report"]):
+        assert main([command[0], str(path), *command[1:]]) == 2
+        error = capsys.readouterr().err.strip().splitlines()[-1]
+        assert error.startswith(f"cylconn {command[0]}: {path}")
