@@ -73,7 +73,8 @@ def run(options: argparse.Namespace) -> int:
     print("\n".join(lines + states))
     for line in _export(recorded, options):
         print(line)
-    print(_next(recorded, complete))
+    if not empty:
+        print(_next(recorded, complete))
     return 0 if complete and not undecodable and not empty and not problem else 1
 
 

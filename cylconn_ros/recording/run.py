@@ -234,10 +234,11 @@ def _incomplete(source: Source) -> str | None:
     """Return why a recording is incomplete, or None."""
     if source.incomplete:
         return source.incomplete
+    advice = _SALVAGE if any(each.extent.count for each in source.channels.values()) else ""
     if not source.finished:
-        return f"{_UNFINISHED}{source.damage and f' ({source.damage})'}{_SALVAGE}"
+        return f"{_UNFINISHED}{source.damage and f' ({source.damage})'}{advice}"
     if source.damage:
-        return f"{source.damage}{_SALVAGE}"
+        return f"{source.damage}{advice}"
     for name, count in source.declared.items():
         known = source.channels.get(name)
         found = known.extent.count if known is not None else 0
