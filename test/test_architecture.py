@@ -1,6 +1,7 @@
 """The layers of the package: imports go down only, without cycles, and stay light."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -252,3 +253,12 @@ def test_files_and_functions_stay_short() -> None:
 def test_version_is_the_packages() -> None:
     root = SOURCE.parent
     assert f"<version>{cylconn_ros.__version__}</version>" in (root / "package.xml").read_text()
+
+
+def test_tests_run_in_any_directory() -> None:
+    """Paths to files of the repository begin with ROOT, or are found as package data."""
+    folders = "bags|config|cylconn_ros|dashboards|docs|launch|models|msg|scripts|test"
+    relative = re.compile(rf"(Path|open|load)\(\"({folders})/")
+    assert [
+        str(path) for path in ROOT.glob("test/**/*.py") if relative.search(path.read_text())
+    ] == []

@@ -73,7 +73,8 @@ def run(options: argparse.Namespace) -> int:
     print("\n".join(lines + states))
     for line in _export(recorded, options):
         print(line)
-    print(_next(recorded, complete))
+    if not empty:
+        print(_next(recorded, complete))
     return 0 if complete and not undecodable and not empty and not problem else 1
 
 
@@ -100,7 +101,8 @@ def _next(recorded: Run, complete: bool) -> str:
         return f"next: cylconn salvage {recorded.path}"
     if recorded.connectors:
         return f"next: cylconn info {recorded.path} --connector {recorded.connectors[0]}"
-    if "cylconn_ros/msg/ConnectorState" in recorded.types.values():
+    states = [t for t, kind in recorded.types.items() if kind == "cylconn_ros/msg/ConnectorState"]
+    if any(recorded.counts.get(topic, 0) for topic in states):
         return f"next: cylconn report {recorded.path}"
     return f"next: cylconn replay {recorded.path} -o RUN"
 

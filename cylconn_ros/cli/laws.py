@@ -10,6 +10,7 @@ connectors that share bodies).
 For example:
   cylconn laws --samples 20000
   cylconn laws --run RUN
+  cylconn laws --run BAG --params scene.yaml    (a bag of ros2 bag record)
 
 Next: reproduce one random scene of a report with --seed S --scene K.
 """
@@ -29,6 +30,7 @@ from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError
 from cylconn_ros.laws.guarantees import GUARANTEES, LAWS, title
 from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.scene import load
 
 if TYPE_CHECKING:
     from cylconn_ros.laws.order import Fit
@@ -67,7 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scene", type=int, metavar="K", help="check the random scene K only, as a report names it"
     )
     parser.add_argument(
-        "--run", dest="recording", type=Path, metavar="RUN", help="check a recorded run instead"
+        "--run", dest="recording", type=Path, nargs="+", metavar="RUN",
+        help="check a recorded run instead: a directory, a file or its files",
+    )  # fmt: skip
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="its parameters, instead of the recorded ones"
     )
     parser.add_argument(
         "--motions", type=_count, metavar="N", help="check N random motions of a second each"
@@ -244,7 +250,7 @@ def _conclusion(
         scene = locations[0].split("/")[0]
         text += f"\nnext: cylconn laws --seed {options.seed} --scene {scene} --no-order"
     elif options.recording is not None:
-        text += f"\nnext: cylconn info {options.recording}"
+        text += f"\nnext: cylconn info {' '.join(map(str, options.recording))}"
     return text
 
 
@@ -275,10 +281,14 @@ def _recorded(options: argparse.Namespace) -> int:
     from cylconn_ros.recording.bag import Bag
 
     several = connector_part.names(Bag(options.recording).metadata)
+    name = " ".join(map(str, options.recording))
+    scene = load(options.params) if options.params is not None else None
     if several and not options.connector:
+        if scene is not None:
+            raise CommandError("--params belongs to one connector: choose it with --connector NAME")
         with Progress("laws") as bar:
             runs, summary = together.check_recording(options.recording, several, bar)
-        print(f"{', '.join(several)}: {summary.samples} samples of {options.recording}\n")
+        print(f"{', '.join(several)}: {summary.samples} samples of {name}\n")
         print("\n".join([*report.laws(summary, "connector/sample"), *report.regimes(summary)]))
         violated = [title(name) for name, law in summary.laws.items() if not law.holds]
         if not all(len(one.h) for one in runs.values()):
@@ -287,8 +297,8 @@ def _recorded(options: argparse.Namespace) -> int:
         print(_conclusion(options, summary, None, violated))
         return 1 if violated else 0
     with Progress("laws") as bar:
-        recorded, summary = check_recording(options.recording, bar, options.connector)
-    print(f"method {recorded.method}: {summary.samples} samples of {options.recording}\n")
+        recorded, summary = check_recording(options.recording, bar, options.connector, scene)
+    print(f"method {recorded.method}: {summary.samples} samples of {name}\n")
     print("\n".join([*report.laws(summary, "sample"), *report.regimes(summary)]))
     if recorded.skipped:
         print(f"\nskipped: {recorded.skipped} states ({recorded.skip_reason})")

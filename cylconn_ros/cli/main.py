@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 import cylconn_ros
-from cylconn_ros.errors import CylconnError
+from cylconn_ros.errors import CylconnError, RecordingError
 from cylconn_ros.process.interrupt import INTERRUPTED, interruptible
 
 COMMANDS = {
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with interruptible(f"cylconn {options.command}"):
             return int(options.run(options))
     except CylconnError as error:
-        print(f"cylconn {options.command}: {error}", file=sys.stderr)
+        print(f"cylconn {options.command}: {_named(options, error)}", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:
         print(f"\ncylconn {options.command}: interrupted", file=sys.stderr)
@@ -77,6 +77,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `cylconn info RUN | head`
         sys.stderr.close()
         return 0
+
+
+def _named(options: argparse.Namespace, error: CylconnError) -> str:
+    """The text of an error, with the name of the recording if that is concerned."""
+    text, given = str(error), getattr(options, "recording", getattr(options, "bag", None)) or []
+    paths = [str(path) for path in (given if isinstance(given, list) else [given])]
+    if not isinstance(error, RecordingError) or any(path in text for path in paths) or not paths:
+        return text
+    written = getattr(options, "output", None)
+    return text if written is not None and str(written) in text else f"{' '.join(paths)}: {text}"
 
 
 if __name__ == "__main__":

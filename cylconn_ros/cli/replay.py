@@ -25,6 +25,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from cylconn_ros.cli import closed_loop, replay_several, scenes
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.cli.replay_report import conclude, report
-from cylconn_ros.errors import CommandError
+from cylconn_ros.errors import CommandError, SceneError
 from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.writer import RunWriter
@@ -172,7 +173,7 @@ def _scene(bag: Bag, options: argparse.Namespace, changed: bool = True) -> Scene
     parameters: dict[str, Any] = {}
     node = bag.metadata.get("node", "/connector")
     if "parameters" in bag.metadata:
-        parameters.update(parameter_file.parameters_of(bag.metadata["parameters"]))
+        parameters.update(_stored(bag, parameter_file.parameters_of))
     if options.params is not None and (changed or not parameters):
         namespace, _, name = node.rpartition("/")
         parameters.update(
@@ -184,7 +185,20 @@ def _scene(bag: Bag, options: argparse.Namespace, changed: bool = True) -> Scene
         parameters.update(scenes.changed_parameters(options.set))
     if not parameters:
         raise CommandError(f"{bag.path}: no parameters were stored with it; give --params FILE")
-    return Scene.from_parameters(parameters)
+    try:
+        return Scene.from_parameters(parameters)
+    except SceneError:  # is it the recording, or what was given?
+        if "parameters" in bag.metadata:
+            _stored(bag, lambda text: Scene.from_parameters(parameter_file.parameters_of(text)))
+        raise
+
+
+def _stored(bag: Bag, read: Callable[[str], Any]) -> Any:
+    """``read`` of the recorded parameters; its SceneError names the recording."""
+    try:
+        return read(bag.metadata["parameters"])
+    except SceneError as error:
+        raise CommandError(f"{bag.path}: parameters stored with it: {error}") from None
 
 
 def _renamed(texts: list[str]) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cylconn_ros.replay.compare import Comparison, Topic, verdict
+from cylconn_ros.replay.compare import Comparison, Topic, agree, verdict
 from cylconn_ros.replay.replay import Replay
 
 _SHOWN = 6  # fields per topic
@@ -71,4 +71,4 @@ def show(topics: list[Topic], tolerance: float) -> bool:
         if topic.not_compared:
             print(f"  not compared: fields {topic.not_compared}")
     print(verdict(topics, tolerance))
-    return all(topic.well for topic in topics)
+    return agree(topics)

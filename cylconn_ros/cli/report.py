@@ -56,10 +56,10 @@ def run(options: argparse.Namespace) -> int:
     results = _summary(found)
     head, numbers = payload.build_payload(found)
     text = page.render(
-        title=options.title or name,
+        title=options.title or " ".join(filter(None, (name, options.connector))),
         facts=facts(results, recorded),
         notes=found.notes,
-        sources=sources(recorded, found),
+        sources=sources(recorded, found, options.connector),
         parameters=recorded.metadata.get("parameters", ""),
         head=head,
         numbers=numbers,
@@ -131,11 +131,12 @@ def facts(found: RunSummary, recorded: Run) -> list[Fact]:
     return listed
 
 
-def sources(recorded: Run, found: gather.RunData) -> list[tuple[str, str]]:
+def sources(recorded: Run, found: gather.RunData, connector: str = "") -> list[tuple[str, str]]:
     """Origin of a run: recording, version, method, parameters, messages."""
     methods = ", ".join(found.methods)
     listed = [
         ("recording", recorded.path.name),
+        *([("connector", connector)] if connector else []),
         ("recorded by", f"cylconn_ros {recorded.version or '(version not recorded)'}"),
         ("method", methods),
         ("model", recorded.metadata.get("model", "not recorded")),

@@ -137,8 +137,8 @@ class Reduction:
         return RunSummary(
             samples=self._samples,
             duration=self._end - self._begin,
-            distance=self._last["displacement"],
-            turns=self._last["rotation"] / (2.0 * np.pi),
+            distance=_without_rounding(self._last["displacement"]),
+            turns=_without_rounding(self._last["rotation"] / (2.0 * np.pi)),
             stop_time=self._stop_time(),
             worst_offset=self._worst["offset_violation"],
             worst_misalignment=self._worst["angular_violation"],
@@ -161,6 +161,10 @@ class Reduction:
         beginning), it is the first sample of the stick that lasts until the end.
         """
         return self._rest if math.isnan(self._stop) else self._stop
+
+
+def _without_rounding(value: float) -> float:
+    return 0.0 if abs(value) < 1e-12 else value
 
 
 def _largest(values: npt.NDArray[Any]) -> float:

@@ -8,9 +8,9 @@ samples and the reported regimes.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,7 @@ from cylconn_ros.laws.sample_state import (
 from cylconn_ros.laws.step import Step
 from cylconn_ros.laws.summary import LawSummary
 from cylconn_ros.recording.connector_part import refuse_coupled
+from cylconn_ros.recording.files.source import Paths
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.samples import synchronized_samples, vectors
 from cylconn_ros.recording.table import Table
@@ -86,7 +87,7 @@ class RunSamples:
     def blocks(self) -> Iterator[tuple[Block, Index]]:
         """Each history as a block, with the row numbers of its samples."""
         first = np.flatnonzero(self.begins)
-        for low, high in zip(first, [*first[1:], len(self.h)], strict=True):
+        for low, high in itertools.pairwise([*first, len(self.h)]):
             yield self._block(int(low), int(high)), np.arange(low, high)
 
     def _block(self, low: int, high: int) -> Block:
@@ -144,24 +145,29 @@ def first_violation(scene: Scene, states: Array, outs: Array) -> str:
 
 
 def check_recording(
-    path: Path, progress: Callable[[int, int], object], connector: str = ""
+    paths: Paths,
+    progress: Callable[[int, int], object],
+    connector: str = "",
+    scene: Scene | None = None,
 ) -> tuple[RunSamples, LawSummary]:
     """Check the samples of a recorded run.
 
     Args:
-        path: recorded directory or file.
+        paths: recorded directory, file or files.
         progress: called with (checked, all) histories.
         connector: name of the connector, if the recording holds several.
+        scene: its parameters; None: those stored with the recording.
 
     Raises RecordingError if the recording cannot be read, or if no laws are stated for its method,
     for coupled connectors, for its latency or for the constraint of a simulator.
 
     """
-    run = read_run(path, connector)
+    run = read_run(paths, connector)
+    path = run.path
     refuse_coupled(
         run.metadata, connector, "its laws are those of all of them; leave out --connector"
     )
-    recorded = samples_of(run)
+    recorded = samples_of(run, scene)
     if recorded.method not in residuals.RESIDUALS:
         raise RecordingError(f"{path}: no laws of a sample are stated for method {recorded.method}")
     if recorded.scene.latency > 0:
@@ -288,14 +294,17 @@ def _carry(past: History, last: History, k: int, names: Sequence[str]) -> None:
         getattr(past, name)[k] = getattr(last, name)[0]
 
 
-def samples_of(run: Run) -> RunSamples:
-    """Combine the inputs of a recorded run with its outputs.
+def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
+    """Combine the inputs of a recorded run with its outputs; ``scene`` as of check_recording.
 
     Raises RecordingError if parameters, inputs or states are missing.
     """
-    if not run.parameters:
-        raise RecordingError(f"{run.path}: no parameters were stored with the run")
-    scene = Scene.from_parameters(run.parameters)
+    if scene is None:
+        if not run.parameters:
+            raise RecordingError(
+                f"{run.path}: no parameters were stored with the run; give --params FILE"
+            )
+        scene = Scene.from_parameters(run.parameters)
     state = run.state
     if not len(state):
         raise RecordingError(f"{run.path}: no state was recorded")

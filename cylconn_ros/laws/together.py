@@ -10,7 +10,6 @@ tolerance is that of the iteration which solves the group.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from cylconn_ros.laws.runs import RunSamples, samples_of
 from cylconn_ros.laws.sample_state import state_of
 from cylconn_ros.laws.step import frozen
 from cylconn_ros.laws.summary import LawSummary
+from cylconn_ros.recording.files.source import Paths
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene import shared_bodies
 
@@ -79,7 +79,7 @@ def check(runs: Mapping[str, RunSamples], summary: LawSummary) -> None:
 
 
 def check_recording(
-    path: Path, names: list[str], progress: Callable[[int, int], object]
+    paths: Paths, names: list[str], progress: Callable[[int, int], object]
 ) -> tuple[dict[str, RunSamples], LawSummary]:
     """Check the samples of all connectors of a recorded run; ``progress``: (read, all).
 
@@ -87,10 +87,11 @@ def check_recording(
     """
     runs = {}
     for done, name in enumerate(names):
-        runs[name] = samples_of(read_run(path, name))
+        run = read_run(paths, name)
+        runs[name] = samples_of(run)
         if runs[name].method not in residuals.RESIDUALS:
             raise RecordingError(
-                f"{path}: {name}: no laws of a sample are stated for method {runs[name].method}"
+                f"{run.path}: {name}: no laws of a sample are stated for method {runs[name].method}"
             )
         progress(done, len(names))
     summary = LawSummary(tolerance=TOLERANCE)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,11 +50,15 @@ class Run:
         self._channels = source.channels if channels is None else channels
         self.incomplete = _incomplete(source)
         self.left_out = source.left_out
-        self.parameters = _parameters(self.metadata.get("parameters", ""))
         self.counts = {topic: facts.extent.count for topic, facts in self._channels.items()}
         self.types = {topic: facts.type for topic, facts in self._channels.items()}
         self.undefined = {t: f.reason for t, f in self._channels.items() if not f.definition}
         self._tables: dict[str, Table] = {}
+
+    @functools.cached_property
+    def parameters(self) -> dict[str, Any]:
+        """Dotted parameters stored with the run; raises RecordingError if they cannot be read."""
+        return _parameters(self.metadata.get("parameters", ""), self.path)
 
     @property
     def connectors(self) -> list[str]:
@@ -228,10 +234,11 @@ def _incomplete(source: Source) -> str | None:
     """Return why a recording is incomplete, or None."""
     if source.incomplete:
         return source.incomplete
+    advice = _SALVAGE if any(each.extent.count for each in source.channels.values()) else ""
     if not source.finished:
-        return f"{_UNFINISHED}{source.damage and f' ({source.damage})'}{_SALVAGE}"
+        return f"{_UNFINISHED}{source.damage and f' ({source.damage})'}{advice}"
     if source.damage:
-        return f"{source.damage}{_SALVAGE}"
+        return f"{source.damage}{advice}"
     for name, count in source.declared.items():
         known = source.channels.get(name)
         found = known.extent.count if known is not None else 0
@@ -240,7 +247,7 @@ def _incomplete(source: Source) -> str | None:
     return None
 
 
-def _parameters(text: str) -> dict[str, Any]:
+def _parameters(text: str, path: Path) -> dict[str, Any]:
     if not text:
         return {}
     try:
@@ -250,4 +257,5 @@ def _parameters(text: str) -> dict[str, Any]:
             merged.update(block["ros__parameters"])
         return merged
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise RecordingError(f"parameters stored with the run: {error!r}") from error
+        reason = repr(error) if isinstance(error, KeyError) else error
+        raise RecordingError(f"{path}: parameters stored with the run: {reason}") from error

@@ -24,6 +24,8 @@ PRIMITIVES = {
 }
 """NumPy codes of the fixed-size field types."""
 
+MOST_FIELDS = 10_000  # single fields of a message, those of nested messages included
+
 _FIELD = re.compile(
     r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?"  # type, bound of a string
     r"(?P<array>\[(?:<=)?\d*\])?"  # [], [N] or [<=N]
@@ -69,7 +71,27 @@ def parse(type_name: str, text: str) -> Schema:
         for member in members:
             if member.type not in PRIMITIVES and member.type not in {"string", *schema}:
                 raise RecordingError(f"schema of {name}: {member.type} is not defined")
+    _check_size(schema, short_name(type_name)[0], {}, ())
     return schema
+
+
+def _check_size(schema: Schema, name: str, known: dict[str, int], outer: tuple[str, ...]) -> int:
+    """Number of single fields of a type; ``known``: of the types counted so far.
+
+    Raises RecordingError for a type that contains itself, and for more fields than MOST_FIELDS,
+    which few lines of definitions can state.
+    """
+    if name in outer:
+        raise RecordingError(f"schema of {name}: it contains itself")
+    if name not in known:
+        inner = (*outer, name)
+        known[name] = sum(
+            _check_size(schema, member.type, known, inner) if member.type in schema else 1
+            for member in schema[name]
+        )
+    if known[name] > MOST_FIELDS:
+        raise RecordingError(f"schema of {name}: more than {MOST_FIELDS} fields")
+    return known[name]
 
 
 def short_name(type_name: str) -> tuple[str, str]:

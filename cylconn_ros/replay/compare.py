@@ -297,6 +297,8 @@ class _Fields:
         if not good.all():
             raise RecordingError(f"{int((~good).sum())} messages of {self._kind} cannot be decoded")
         old, new = sides[0][0], sides[1][0]
+        if not {"header.stamp.sec", "header.stamp.nanosec"} <= old.keys():
+            raise RecordingError(f"the recorded definition of {self._kind} has no header.stamp")
         seconds = old["header.stamp.sec"].astype(np.int64)
         stamp = seconds * 1_000_000_000 + old["header.stamp.nanosec"]
         differs = np.zeros(len(pairs), np.bool_)
@@ -367,8 +369,15 @@ def _shown(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
+def agree(topics: Sequence[Topic]) -> bool:
+    """Whether outputs were compared, and none diverges."""
+    return any(t.same + t.different for t in topics) and all(t.well for t in topics)
+
+
 def verdict(topics: Sequence[Topic], tolerance: float) -> str:
     """The result for all topics, as text."""
-    if not all(topic.well for topic in topics):
+    if not any(topic.same + topic.different + topic.only_recorded for topic in topics):
+        return "NOTHING COMPARED: the recording holds no outputs"
+    if not agree(topics):
         return "OUTPUTS DIFFER"
     return f"outputs equal within tolerance {tolerance:g}" if tolerance else "outputs identical"

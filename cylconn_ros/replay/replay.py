@@ -229,6 +229,8 @@ class Replay:
     def problem(self) -> str:
         """Return why nothing of the recording is of use; '' if something is."""
         counts = self.pipeline.matcher.counts
+        if not self.counts.used:
+            return "no message of its inputs could be read"
         if not self.counts.responses:
             return "no sample was complete: pose and twist need the same stamp (stamp_tolerance)"
         if counts.duplicate_samples and self.counts.responses - counts.duplicate_samples <= 1:

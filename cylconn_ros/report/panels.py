@@ -97,6 +97,8 @@ def _contributions(kind: str, total: str) -> tuple[Curve, ...]:
 
 
 TURN = 2.0 * math.pi
+ROUNDING = 1e-12  # in the unit of a plot: smaller values are rounding errors
+
 PANELS = (
     Panel("slide", "Slide u₁", "m", (Curve("u₁", "blue", _field("displacement"), always=True),)),
     Panel(
@@ -212,7 +214,7 @@ PANELS = (
 def visible_panels(
     radius: float,
     has_data: Callable[[Curve], bool],
-    is_zero: Callable[[Curve], bool],
+    is_zero: Callable[[Curve, float], bool],
     constant: bool,
 ) -> tuple[list[Panel], list[str]]:
     """Return the panels with their non-zero curves, and the titles of the panels that are all zero.
@@ -220,7 +222,8 @@ def visible_panels(
     Args:
         radius: R of the states, m; NaN: friction is not modelled.
         has_data: whether a curve has finite values and is to be drawn beside others.
-        is_zero: whether a curve is zero throughout; a panel of such curves is omitted.
+        is_zero: whether a curve is within a magnitude throughout; a panel of such curves is
+            omitted. On logarithmic scales that is 0, else ROUNDING.
         constant: whether the friction coefficient is constant; its panel is then omitted.
     """
     panels, empty = [], []
@@ -232,7 +235,8 @@ def visible_panels(
             continue  # it is among the parameters
         if panel.key == "speed" and len(curves) == 1:
             panel = replace(panel, title="Velocity along the slot")
-        if [curve.label for curve in curves] == ["total"] or all(map(is_zero, curves)):
+        least = 0.0 if panel.log else ROUNDING
+        if [curve.label for curve in curves] == ["total"] or all(is_zero(c, least) for c in curves):
             curves = ()
         if curves:
             panels.append(replace(panel, curves=curves))

@@ -153,11 +153,11 @@ class _Reduction:
         found = self.curves[curve, curve.reading is not None]
         return bool(np.isfinite(found.low).any()) and (curve.always or not self.is_zero(curve))
 
-    def is_zero(self, curve: Curve) -> bool:
-        """Return whether a curve is zero throughout, except in samples that are not finite."""
+    def is_zero(self, curve: Curve, least: float = 0.0) -> bool:
+        """Return whether a curve is within ``least`` throughout, except where it is not finite."""
         found = self.curves[curve, curve.reading is not None]
         finite = np.isfinite(found.low)
-        return bool(((found.low[finite] == 0.0) & (found.high[finite] == 0.0)).all())
+        return bool(((found.low[finite] >= -least) & (found.high[finite] <= least)).all())
 
 
 def _panel(packer: Packer, panel: Panel, reduced: _Reduction, whole: bool) -> dict[str, Any]:

@@ -37,6 +37,7 @@ def is_input(topic: str, kind: str) -> bool:
     return kind in PLAYED and topic.endswith(PLAYED[kind] or ("",))
 
 
+_SETTLED = 0.5  # s without a further subscription
 _LATE = 0.005  # s, delay above which the schedule is shifted
 
 
@@ -49,14 +50,17 @@ class Player:
         if not topics:
             raise RecordingError(f"{bag.path}: contains no inputs of a connector")
         self._publishers: dict[str, Any] = {
-            topic: node.create_publisher(message_class(kind), topic, qos.samples())
+            topic: node.create_publisher(
+                message_class(kind), topic, qos.samples(depth=qos.INPUT_DEPTH)
+            )
             for topic, kind in topics.items()
         }
 
     def wait(self, patience: float) -> bool:
         """Wait up to ``patience`` s for subscriptions to all poses, twists and odometry.
 
-        Returns False if one has no subscription.
+        Wait also until no further subscription has come for a while: beside a connector, a recorder
+        may listen, and the first match is that of either. Returns False if one has none.
         """
         wanted = [
             publisher
@@ -64,11 +68,15 @@ class Player:
             if not topic.endswith(("/load", "/command"))
         ]
         end = time.monotonic() + patience
+        counts, since = [0], 0.0
         while time.monotonic() < end:
-            if all(publisher.get_subscription_count() for publisher in wanted):
+            seen = [publisher.get_subscription_count() for publisher in wanted]
+            if seen != counts:
+                counts, since = seen, time.monotonic()
+            if all(counts) and time.monotonic() - since > _SETTLED:
                 return True
             rclpy.spin_once(self._node, timeout_sec=0.05)
-        return False
+        return all(counts)
 
     def play(self, rate: float) -> int:
         """Publish at ``rate`` times the recorded speed; 0: without waiting.

@@ -155,6 +155,12 @@ class SceneFields:
     markers: bool = parameter(
         False, read_only=True, doc="Publish ~/markers: shaft, sleeve and force, for RViz."
     )
+    tf: bool = parameter(
+        False,
+        read_only=True,
+        doc="Broadcast the frames of both bodies on /tf, 30 times per second. Leave it false if "
+        "other software broadcasts them. Needs the ROS package tf2_msgs.",
+    )
     plant: PlantSettings = group(PlantSettings)
 
     @staticmethod

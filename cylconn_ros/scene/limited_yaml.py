@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-MAX_BYTES = 1 << 26
+MAX_BYTES = 1 << 22  # 4 MB: what parses in a few seconds
 MAX_VALUES = 200_000
 """Values of a document at most, each use of an alias counted with all that it stands for."""
 MAX_DEPTH = 64

@@ -109,7 +109,7 @@ class Scene(SceneFields):
         """
         old, new = before.parameters(), self.parameters()
         return not any(
-            rules.restarts and show(old[name]) != show(new[name])
+            rules.restarts and show(old[name], whole=True) != show(new[name], whole=True)
             for name, rules in schema().items()
         )
 

@@ -234,8 +234,11 @@ def flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def show(value: object) -> str:
-    """The value as a user writes it in YAML."""
+_LONGEST = 500  # characters of a text, and numbers of a sequence, in a message
+
+
+def show(value: object, whole: bool = False) -> str:
+    """The value as a user writes it in YAML; a very long one is cut unless ``whole``."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if value is None:
@@ -243,9 +246,16 @@ def show(value: object) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
     if isinstance(value, str):
+        if len(value) > _LONGEST and not whole:
+            return f"{value[:_LONGEST]!r}… ({len(value)} characters)"
         return repr(value)
     if isinstance(value, _SEQUENCES):
-        return "[" + ", ".join(show(item) for item in typing.cast("Sequence[object]", value)) + "]"
+        items = typing.cast("Sequence[object]", value)
+        if len(items) > _LONGEST and not whole:
+            return (
+                f"[{', '.join(show(item) for item in items[:_LONGEST])}, … ({len(items)} values)]"
+            )
+        return "[" + ", ".join(show(item, whole) for item in items) + "]"
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 

@@ -321,3 +321,17 @@ def test_results_are_described_in_words() -> None:
     table = states()
     lines = info.describe(summary.summarise(table["time"], table))
     assert any(line.startswith("at rest") for line in lines)
+
+
+def test_a_start_beyond_a_stop_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "beyond.yaml"
+    scene.write_text("""/**:
+  ros__parameters:
+    body_b: {kind: free, mass: 1.0, inertia: [0.001, 0.0, 0.0, 0.001, 0.0, 0.001],
+             pose: [0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}
+    node_a: {orientation: [0.0, 0.0, 0.0, 1.0]}
+    stops: {l_min: 0.0, l_max: 0.08}
+""")
+    assert main.main(["simulate", str(scene), "--duration", "0.01"]) == 0
+    out = capsys.readouterr().out
+    assert "warning     slide starts at 0.2 m, beyond stops.l_max (0.08 m)" in out

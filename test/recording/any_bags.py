@@ -14,11 +14,12 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scenes import bundled
 
 from cylconn_ros.core import layout
 from cylconn_ros.messages.cdr_encoder import StampedWriter
+from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.message_definitions import interface
 from cylconn_ros.simulation.simulate import simulate
 
@@ -95,6 +96,33 @@ def rosbags(path: Path, rows: Sequence[Row], plugin: StoragePlugin, mode: str = 
         }
         for topic, log_time, data in rows:
             writer.write(connections[topic], log_time, data)
+    return path
+
+
+def as_recorded_by_rosbag2(
+    path: Path, run: Path, mode: str, skip: int = 0, outputs: bool = True
+) -> Path:
+    """The messages of a run without what cylconn_ros stores, but for the first ``skip`` samples.
+
+    Without ``outputs`` their topics are there, but not their messages.
+    """
+    source = Bag(run)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for topic, kind in source.types.items():
+        if kind not in store.fielddefs:
+            store.register(get_types_from_msg(source.definitions[topic], kind))
+    writer = RosbagsWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+    left = {topic: skip if outputs or topic in TOPICS else 10**9 for topic in source.types}
+    with writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in source.types.items()
+        }
+        for topic, log_time, data in source.messages():
+            left[topic] -= 1
+            if left[topic] < 0:
+                writer.write(connections[topic], log_time, data)
     return path
 
 

@@ -43,6 +43,34 @@ def test_every_command_reads_every_form(
     assert "cylconn replay" in capsys.readouterr().err
 
 
+def test_a_run_that_rosbag2_recorded_goes_through_every_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    assert main(["simulate", "slide_and_spin", "--duration", "0.3", "-o", str(run)]) == 0
+    bag = str(any_bags.as_recorded_by_rosbag2(tmp_path / "bag", run, "message"))
+    assert main(["replay", bag, "--params", SCENE, "--compare"]) == 0
+    assert "outputs identical" in capsys.readouterr().out
+    assert main(["report", bag, "-o", str(tmp_path / "page.html")]) == 0
+    assert main(["info", bag, "--csv", str(tmp_path / "states.csv")]) == 0
+    assert main(["identify", bag, "--params", SCENE, "--known", "overlap"]) == 0
+    capsys.readouterr()
+    assert main(["laws", "--run", bag]) == 2
+    assert "give --params FILE" in capsys.readouterr().err
+    assert main(["laws", "--run", bag, "--params", SCENE]) == 0
+    assert "all laws hold" in capsys.readouterr().out
+    late = str(any_bags.as_recorded_by_rosbag2(tmp_path / "late", run, "file", skip=20))
+    assert main(["laws", "--run", late, "--params", SCENE]) == 1
+    assert "the recording begins after the reference" in capsys.readouterr().out
+    assert main(["salvage", bag, "-o", str(tmp_path / "salvaged")]) == 2
+    assert "is complete" in capsys.readouterr().err
+    empty = any_bags.as_recorded_by_rosbag2(tmp_path / "empty", run, "message", outputs=False)
+    assert main(["replay", str(empty), "--params", SCENE, "--compare"]) == 1
+    assert "NOTHING COMPARED" in capsys.readouterr().out
+    assert main(["info", str(empty)]) == 0
+    assert "next: cylconn replay" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("absent", [False, True])
 def test_a_definition_in_idl_is_read_with_rosbags_or_says_so(
     absent: bool,

@@ -25,6 +25,7 @@ from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.replay.compare import Comparison
 from cylconn_ros.replay.replay import Replay
+from cylconn_ros.scene.resources import shipped
 from cylconn_ros.simulation.simulate import simulate
 
 Result = tuple[int, str, str]
@@ -192,7 +193,7 @@ def test_sqlite_bags(recorded: Path, command: Command, tmp_path: Path) -> None:
         found = [(ids[topic], when, data) for topic, when, data in bag.messages()]
         database.executemany("INSERT INTO messages VALUES(NULL,?,?,?)", found)
     database.close()
-    assert command(file, "--params", Path("config/demo.yaml"), "--compare")[0] == 0
+    assert command(file, "--params", shipped("demo"), "--compare")[0] == 0
 
 
 def test_damaged_bags_are_replayed_as_far_as_readable(

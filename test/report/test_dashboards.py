@@ -161,6 +161,12 @@ def test_rviz_shows_topics_of_the_node() -> None:
     assert config["Visualization Manager"]["Global Options"]["Fixed Frame"] == "world"
 
 
+def test_the_robot_model_can_be_the_value_of_a_parameter() -> None:
+    """As in `-p robot_description:="$(cat FILE)"`, which ROS reads as YAML."""
+    text = (ROOT / "dashboards" / "shaft_and_sleeve.urdf").read_text()
+    assert isinstance(yaml.safe_load(text), str)
+
+
 def test_the_robot_model_has_the_joints_of_the_connector() -> None:
     """A prismatic and a turning joint about the slot, from the frame of body A to that of B."""
     scene = bundled("slide_and_spin")

@@ -123,7 +123,7 @@ def place(opened: Page, key: str, share: float) -> tuple[float, float]:
     box = opened.run(
         f"(() => {{ const stage = document.querySelector('[data-key={key}] .stage');"
         " stage.scrollIntoView({ block: 'center' }); const b = stage.getBoundingClientRect();"
-        " const area = [86, b.width - 98]; return [b.left, b.top, b.height, ...area]; })()"
+        " const area = [86, b.width - 106]; return [b.left, b.top, b.height, ...area]; })()"
     )
     return box[0] + box[3] + share * box[4], box[1] + 0.4 * box[2]
 

@@ -170,6 +170,8 @@ def test_table_is_a_group_that_may_be_absent():
         ({"lock__force": 1.0}, "lock.component = 'none': must be slide or spin"),
         ({"stamp_tolerance": 0.0005}, "stamp_tolerance = 0.0005: must be less than half"),
         ({"fricton__radius": 1}, "fricton.radius = 1: no such parameter; did you mean friction.r"),
+        ({"friction__mu": 1}, "friction.mu = 1: no such parameter; did you mean friction.coeff"),
+        ({"preload": 500}, "preload = 500: no such parameter; did you mean friction.preload?"),
         ({"stops": 3}, "stops = 3: no such parameter; it is a group: give stops.l_min, "),
         ({"wholly_unheard_of": 1}, "wholly_unheard_of = 1: no such parameter"),
         ({"body_b": {"mass": 2}}, "body_b.mass = 2: is given twice, also as 1.0"),

@@ -1,12 +1,17 @@
 // Plots over time: curves by BokehJS; legend, readings, cursor and export around them.
 
-const LEFT = 86, RIGHT = 12, TOP = 4, BOTTOM = 20, HEIGHT = 168;
+const LEFT = 86, RIGHT = 20, TOP = 4, BOTTOM = 20, HEIGHT = 168;
 const COARSE = matchMedia("(pointer: coarse)");
 const TOOLBAR_STYLE = ":host { --background-color: var(--panel); --icon-color: var(--soft); --color: var(--ink); --divider-color: var(--line); }"
   + " :host(.bk-inner) { background: linear-gradient(to left, var(--panel) 190px, transparent 190px); }";
 
 function plotArea(width, height) {
   return { left: LEFT, top: TOP, width: Math.max(10, width - LEFT - RIGHT), height: Math.max(10, height - TOP - BOTTOM) };
+}
+
+// Text of a tick of time; the last one names the unit.
+function timeText(t, step, last) {
+  return last ? `${tickText(t, step)} s` : tickText(t, step);
 }
 
 function timeAxis(context, link, plot) {
@@ -19,7 +24,7 @@ function timeAxis(context, link, plot) {
     context.fillStyle = link.palette.grid;
     context.fillRect(Math.round(x), plot.top, 1, plot.height);
     context.fillStyle = link.palette.soft;
-    const text = t === values[values.length - 1] ? `${tickText(t, step)} s` : tickText(t, step);
+    const text = timeText(t, step, t === values[values.length - 1]);
     context.fillText(text, Math.min(x, plot.left + plot.width - 8), plot.top + plot.height + 5);
   }
 }
@@ -187,6 +192,10 @@ class Chart {
       min_border_top: TOP, output_backend: "canvas", lod_threshold: null,
     });
     this.figure.toolbar.setv({ logo: null, autohide: true, stylesheets: [TOOLBAR_STYLE] });
+    this.figure.below[0].formatter.doFormat = (times) => {
+      const step = times.length > 1 ? times[1] - times[0] : 1;
+      return times.map((t, k) => timeText(t, step, k === times.length - 1));
+    };
     this.bandSources = ["stick", "slip", "stop", "lock"].map((name) => {
       const source = new ColumnDataSource({ data: { x0: [], x1: [] } });
       const strip = this.figure.vstrip({ field: "x0" }, { field: "x1" }, { source, line_color: null, level: "underlay" });

@@ -83,7 +83,7 @@ class ConnectorEndpoint:
         self._processed_at = 0.0  # s, steady clock
         self._load_wait = LoadWait()
         self._incomplete, self._watchdog = IncompleteSamples(), Watchdog()
-        self._drawing = scene().markers  # fixed when the node starts
+        self._drawing = scene().markers or scene().tf  # fixed when the node starts
         self.history = 0
         self.remembered = 0
         own_name = node.get_fully_qualified_name().strip("/")

@@ -1,20 +1,31 @@
-"""Markers of the connector for RViz and Foxglove: shaft, sleeve and the force between them."""
+"""For RViz and Foxglove: markers of shaft, sleeve and force; transforms of the bodies' frames.
+
+The ROS package tf2_msgs is imported only if a connector broadcasts transforms (``tf: true``).
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, Pose
+from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
+from rclpy.qos import QoSProfile
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cylconn_ros.connector.frames import into_world
 from cylconn_ros.core import layout
+from cylconn_ros.ros.message_types import message_class
 from cylconn_ros.scene.scene import Scene
 
-RATE = 30.0  # 1/s, greatest rate of marker messages
+RATE = 30.0  # 1/s, greatest rate of markers and transforms
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+TF_TOPIC = "/tf"
+TF_PROFILE = QoSProfile(depth=100)  # as tf2_ros: reliable, volatile
+_POSES = (layout.A_POSE, layout.B_POSE)
 _COLOURS = {  # distinguishable for colour-blind users
     layout.FRICTIONLESS: (0.6, 0.6, 0.6),
     layout.STICK: (0.0, 0.45, 0.7),
@@ -105,6 +116,37 @@ class Markers:
         red, green, blue = _COLOURS[regime]
         marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
         return marker
+
+
+class Transforms:
+    """Transforms from the world frame to body frames."""
+
+    def __init__(self, world: str, frames: Mapping[int, str]) -> None:
+        """``frames``: name of the frame by body, 0 or 1."""
+        self._world, self._frames = world, dict(frames)
+        self._message = message_class(TF_TYPE)
+
+    def message(self, stamp: int, sample: np.ndarray) -> Any:
+        """TFMessage of a sample (38,), see core/layout.py; ``stamp`` in ns.
+
+        Poses that are no rotation and translation are left out: tf2 would refuse them.
+        """
+        found = []
+        for body, frame in self._frames.items():
+            x, y, z, *q = sample[_POSES[body] : _POSES[body] + 7].tolist()
+            norm = math.hypot(*q)
+            if not (0.0 < norm < math.inf and math.isfinite(x + y + z)):
+                continue
+            qx, qy, qz, qw = (component / norm for component in q)
+            transform = TransformStamped(child_frame_id=frame)
+            transform.header.frame_id = self._world
+            seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+            transform.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
+            transform.transform = Transform(
+                translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw)
+            )
+            found.append(transform)
+        return self._message(transforms=found)
 
 
 def _set_pose(pose: Pose, position: np.ndarray, orientation: list[float]) -> None:

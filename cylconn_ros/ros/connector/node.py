@@ -32,7 +32,7 @@ from cylconn_ros.ros.connector.parameters import FROZEN, SceneParameters, differ
 from cylconn_ros.ros.connector.problems import log_model
 from cylconn_ros.ros.connector.recorder import Recorder
 from cylconn_ros.ros.connector.shared_bodies import couple_connectors, share_body_topics
-from cylconn_ros.ros.connector.topics import check_qos_overrides
+from cylconn_ros.ros.connector.topics import assign_frames, check_qos_overrides
 from cylconn_ros.ros.executor import executor, fused
 from cylconn_ros.ros.lifecycle import answer_unavailable_transitions
 from cylconn_ros.scene.parameter_file import scene_part
@@ -91,9 +91,9 @@ class ConnectorNode(LifecycleNode):
         self._held = HeldMessages()
         self._connectors = [self._endpoint(name) for name in scenes]
         self._groups = share_body_topics(self._connectors, scenes)
-        check_qos_overrides(
-            self, parameters, {one.topics: scenes[one.name] for one in self._connectors}
-        )
+        topics = {one.topics: scenes[one.name] for one in self._connectors}
+        check_qos_overrides(self, parameters, topics)
+        assign_frames(topics)
         self.state = "unconfigured"  # of the lifecycle
         self._next_report = 0
         self._graph_due = 0.0

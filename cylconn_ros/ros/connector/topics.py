@@ -19,7 +19,14 @@ from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline, Response
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros import qos
 from cylconn_ros.ros.connector.diagnostics import ConnectionStatus
-from cylconn_ros.ros.connector.markers import RATE, Markers
+from cylconn_ros.ros.connector.markers import (
+    RATE,
+    TF_PROFILE,
+    TF_TOPIC,
+    TF_TYPE,
+    Markers,
+    Transforms,
+)
 from cylconn_ros.ros.executor import rcl
 from cylconn_ros.ros.executor.executor import InputSubscription, Receive
 from cylconn_ros.ros.message_types import message_class
@@ -53,6 +60,8 @@ class Topics:
         self._subscriptions: dict[str, Any] = {}
         self._names: dict[str, tuple[str, str, qos.QoSProfile]] = {}
         self._marker_publisher: Any = None
+        self.transforms: Transforms | None = None  # None: it broadcasts none
+        self._transform_publisher: Any = None
         self._markers: Markers | None = None
         self._drawn = 0.0
 
@@ -81,16 +90,20 @@ class Topics:
             self._marker_publisher = self._node.create_lifecycle_publisher(
                 MarkerArray, topic_names.topic(self._connector, "~/markers"), 10
             )
+        if self.transforms is not None:
+            self._transform_publisher = self._node.create_lifecycle_publisher(
+                message_class(TF_TYPE), TF_TOPIC, TF_PROFILE
+            )
 
     def close_outputs(self) -> None:
         """Destroy the publishers."""
-        for publisher in (*self._publishers, self._marker_publisher):
+        for publisher in (*self._publishers, self._marker_publisher, self._transform_publisher):
             if publisher is not None:
                 self._node.destroy_lifecycle_publisher(publisher)
         self._publishers.clear()
         self._send.clear()
         self._count_subscribers.clear()
-        self._marker_publisher = self._markers = None
+        self._marker_publisher = self._markers = self._transform_publisher = None
 
     def resolved(self, name: str) -> str:
         """Resolved topic of an input or output, as in the ROS graph."""
@@ -106,7 +119,7 @@ class Topics:
             if name in self.remote:
                 continue
             topic = self.resolved(name)
-            profile = qos.samples(pipeline.scene.qos.reliability, qos.INPUT_DEPTH)
+            profile = self._input_profile(pipeline)
             receive = receiver(name, topic)
             self._subscriptions[name] = self._node.create_subscription(
                 message_class(wanted.type),
@@ -122,6 +135,10 @@ class Topics:
             lost = functools.partial(self._lost, topic)
             entries.append(InputSubscription(made, receive, lost, is_triggering(name)))
         return entries
+
+    @staticmethod
+    def _input_profile(pipeline: MessagePipeline) -> qos.QoSProfile:
+        return qos.samples(pipeline.scene.qos.reliability, qos.INPUT_DEPTH)
 
     def close_inputs(self) -> None:
         """Destroy the subscriptions; the SampleExecutor must have returned them."""
@@ -162,16 +179,19 @@ class Topics:
         return IF_REGULAR if self._node.count_publishers(topic) else NO
 
     def draw(self, stamp: int, pipeline: MessagePipeline) -> None:
-        """Publish markers, at most RATE times per second."""
-        if self._markers is None or time.monotonic() - self._drawn < 1.0 / RATE:
+        """Publish markers and transforms, at most RATE times per second."""
+        if time.monotonic() - self._drawn < 1.0 / RATE:
             return
         self._drawn = time.monotonic()
+        sample = pipeline.matcher.sample
         try:
-            markers = self._markers.draw(stamp, pipeline.matcher.sample, pipeline.out)
-            self._marker_publisher.publish(markers)
+            if self._markers is not None:
+                self._marker_publisher.publish(self._markers.draw(stamp, sample, pipeline.out))
+            if self.transforms is not None:
+                self._transform_publisher.publish(self.transforms.message(stamp, sample))
         except Exception as error:
             self._status.unpublished += 1
-            self._status.unpublished_reason = f"markers: {error}"
+            self._status.unpublished_reason = f"markers or transforms: {error}"
 
     def outgoing(self, outputs: Response) -> Iterator[tuple[str, bytes]]:
         """Resolved topic and serialized message of every output of a sample."""
@@ -184,11 +204,12 @@ class Topics:
         return {name: self.resolved(name) for name in _kinds(pipeline)}
 
     def recorded_topics(self, pipeline: MessagePipeline) -> list[TopicInfo]:
-        """Topics of a recording, resolved, with the QoS in force."""
+        """Topics of a recording, resolved, with the QoS in force or, before they open, intended."""
         found = []
         for name, kind in _kinds(pipeline).items():
             topic = self.resolved(name)
-            profile = self._names[name][2] if name in self._names else qos.samples()
+            intended = self._input_profile(pipeline) if name in pipeline.inputs else qos.samples()
+            profile = self._names[name][2] if name in self._names else intended
             found.append(
                 TopicInfo(
                     name=topic,
@@ -286,3 +307,24 @@ def check_qos_overrides(
             raise SceneError(
                 f"{name} = {show(value)}: no such parameter; known: {', '.join(known)}"
             )
+
+
+def assign_frames(topics: Mapping[Topics, Scene]) -> None:
+    """Let one connector broadcast each body frame: of connectors that share a body, the first.
+
+    Raises SceneError if a scene wants transforms and tf2_msgs is not installed.
+    """
+    seen: set[str] = set()
+    for one, scene in topics.items():
+        if not scene.tf:
+            continue
+        try:
+            message_class(TF_TYPE)
+        except ImportError:
+            raise SceneError(
+                "tf = true: needs the ROS package tf2_msgs, which is not installed (sudo apt "
+                "install ros-jazzy-tf2-msgs, or build it with colcon; PyPI has no wheel of it)"
+            ) from None
+        frames = {k: body.frame for k, body in enumerate(scene.bodies) if body.frame not in seen}
+        seen |= set(frames.values())
+        one.transforms = Transforms(scene.world_frame, frames)
