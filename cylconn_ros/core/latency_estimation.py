@@ -35,6 +35,7 @@ from cylconn_ros.core.passivity import reset_stick_position
 from cylconn_ros.core.vectors import Vector, add_scaled, dot, sub
 
 FORGETTING = 0.1  # share of earlier intervals that one with as much change replaces
+KEPT = 0.98  # share of the sums that counts on in the next interval, whatever it contains
 UNEXPLAINED = 4.0  # weight of what no latency explains, over the change of the wrenches
 NEIGHBOUR_RATIO = 0.8  # the same of the next j
 SWITCH_RATIO = 0.25  # misfit of another j over that in use, below which it replaces it
@@ -80,12 +81,18 @@ def _filtered(mem: Array, at: int, change: Vector) -> Vector:
     return y
 
 
-@device_function
-def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) -> None:
-    """Keep only the wrenches of the last interval, of n periods: wrenches act with their sample."""
+@inline_function
+def keep_needed(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) -> None:
+    """Store the wrenches of an interval of n periods, from which the next one's changes count."""
     for k in range(4):
         model.write_vector(mem, model.LAST_NEEDED + 3 * k, needed[k])
     mem[model.LAST_INTERVAL] = n
+
+
+@device_function
+def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) -> None:
+    """Keep only the wrenches of the last interval, of n periods: wrenches act with their sample."""
+    keep_needed(mem, needed, n)
     if mem[model.FIT_CHANGE] == 0.0 and mem[model.DELAYED] == 0.0:
         return
     mem[model.DELAYED], mem[model.LATENCY_SPREAD] = 0.0, 0.0
@@ -99,14 +106,14 @@ def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) ->
 
 
 @device_function
-def is_lock_step(
+def acts_at_once(
     mem: Array,
     needed: tuple[Vector, Vector, Vector, Vector],
     n: int,
     weights: tuple[float, float, float, float],
     resolution: float,
 ) -> bool:
-    """Whether wrenches act with their sample, as far as the intervals tell up to this one.
+    """Whether the wrenches of the interval acted with their sample, within rounding.
 
     ``needed``: force and torque on A, on B, that the interval of n periods needed; ``weights`` of
     their squares. ``resolution``: sum of squares that is rounding.
@@ -119,11 +126,22 @@ def is_lock_step(
         missed += weights[k] * dot(off, off)
         acted += weights[k] * dot(sent, sent)
         change += weights[k] * dot(by, by)
-    evidence, rounding = mem[model.LOCK_STEP], EXACT * EXACT * acted + resolution
-    if missed <= rounding:
-        if change > 100.0 * rounding:
-            mem[model.LOCK_STEP] = min(evidence + 1.0, RETURN)
-        return mem[model.DELAYED] == 0.0 or mem[model.LOCK_STEP] >= RETURN
+    rounding = EXACT * EXACT * acted + resolution
+    if missed <= rounding and change > 100.0 * rounding:
+        mem[model.LOCK_STEP] = min(mem[model.LOCK_STEP] + 1.0, RETURN)
+    return missed <= rounding
+
+
+@inline_function
+def is_lock_step(mem: Array) -> bool:
+    """Whether the loop is in lock step, after an interval whose wrenches acted at once."""
+    return mem[model.DELAYED] == 0.0 or mem[model.LOCK_STEP] >= RETURN
+
+
+@inline_function
+def is_tolerated(mem: Array) -> bool:
+    """Whether the evidence of lock step outweighs an interval whose wrenches did not act at once."""
+    evidence = mem[model.LOCK_STEP]
     tolerated = mem[model.DELAYED] == 0.0 and evidence >= DISAGREEMENT
     mem[model.LOCK_STEP] = evidence - DISAGREEMENT if tolerated else 0.0
     return tolerated
@@ -180,6 +198,9 @@ def _take_interval(mem: Array) -> float:
         phi = min(max(-s1 / s2, 0.0), 1.0) if s2 > 0.0 else 0.0
         unexplained = min(unexplained, s0 + phi * (2.0 * s1 + phi * s2))
         change = max(change, s2)
+    for k in range(3 * (MAX_LATENCY + 1)):  # an impact of long ago must not outweigh the present
+        mem[model.LATENCY_FIT + k] *= KEPT
+    mem[model.FIT_CHANGE] *= KEPT
     if change <= 0.0:
         return 0.0
     other = UNEXPLAINED * max(unexplained, 0.0)

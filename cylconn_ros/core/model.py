@@ -132,7 +132,10 @@ PENDING_ACCELERATION: Final = HELD_WRENCH + 12  # 2: of the gap after the impact
 PENDING_TIME: Final = PENDING_ACCELERATION + 2  # 2: from the first step's sample to the impact, s
 PENDING_RESTITUTION: Final = PENDING_TIME + 2  # 2
 DRIVE_POSITION: Final = PENDING_RESTITUTION + 2  # 2: method penalty, position that a drive holds
-NMEM: Final = DRIVE_POSITION + 2
+STALLED: Final = DRIVE_POSITION + 2  # intervals through which a wrench has been held
+STALLED_WRENCH: Final = STALLED + 1  # 12: that wrench, as at SENT_WRENCHES
+AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
+NMEM: Final = AGREED + 1
 
 
 class Output(NamedTuple):

@@ -1,0 +1,150 @@
+"""Stalls: intervals in which no new wrench took effect, and stamps that are not the motion's times.
+
+A simulator or a connector that is kept waiting stalls the loop. While the connector waits, the
+plant moves on under the wrench that it has; afterwards the connector answers the samples that have
+queued up, and of those wrenches only the newest will act. This is no latency of many periods: as
+soon as the stall is over, wrenches act as late as before. With dN the change of the needed wrench
+from the last interval to this one, and P the wrench that is expected to act,
+
+    |dN - (held - P_last)|^2 < HELD |dN - (P - P_last)|^2
+
+tells that the wrench which acted at the end of the last interval was held through this one. The
+estimate of the latency then stays as it is, and the wrenches in flight are taken as overtaken by
+the one that is computed now. Only after AGREED intervals that confirmed the latency: before, a
+wrench that does not act may as well be on its way.
+
+A simulator of fixed steps that stamps its samples with the clock moves by whole periods, whatever
+its stamps say. The number of periods that a motion took is that of
+
+    moved = n h (v + v+)/2        and h (v+ - v)/2 more on a semi-implicit plant
+
+by least squares over the mass centres. It replaces the interval of the stamps where it is whole and
+explains the motion, and the stamps do not.
+"""
+
+import math
+
+from cylconn_ros.core import layout, model
+from cylconn_ros.core.delay import latency_of
+from cylconn_ros.core.friction import Array
+from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.plant import motion_of
+from cylconn_ros.core.rigid_body import Body
+from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
+
+HELD = 0.05
+AGREED = 5  # intervals
+MOST_AGREED = 20
+AGREES = 0.1  # misfit of an interval that confirms the latency, over its change, both squared
+LEAST_CHANGE = 1e-8  # of the wrench, relative, squared
+EVEN = 0.01  # of the period: stamps within it are as good as the motion
+WHOLE = 0.05  # periods: of a number of steps from a whole one
+EXPLAINED = 1e-4  # of the motion, squared: it is that of so many steps
+LEAST_MOTION = 1e-9  # of a mass centre, relative to its distance from the origin plus 1 m
+
+
+@device_function
+def interval_by_motion(par: Array, mem: Array, sample: Array, a: Body, b: Body, h: float) -> float:
+    """The interval since the last sample, s: by the stamps, or by the motion if that is whole."""
+    stamped = mem[model.LAST_PERIOD]
+    if abs(stamped - h) <= EVEN * h:
+        return stamped
+    last = mem[model.LAST_SAMPLE : model.LAST_SAMPLE + layout.NSAMPLE]
+    lead = 0.5 * h if model.output(par).semi_implicit else 0.0
+    along = square = size = 0.0
+    for k in range(2):
+        body, at = (a, layout.A_POSE) if k == 0 else (b, layout.B_POSE)
+        if body.free:
+            before, now = motion_of(body, last, at), motion_of(body, sample, at)
+            moved = sub(sub(now.com, before.com), _led(lead, before.velocity, now.velocity))
+            mean = scale(0.5, add(before.velocity, now.velocity))
+            along += body.mass * dot(moved, mean)
+            square += body.mass * dot(mean, mean)
+            far = LEAST_MOTION * (1.0 + abs(now.com[0]) + abs(now.com[1]) + abs(now.com[2]))
+            size += body.mass * (dot(moved, moved) - far * far)
+    if square <= 0.0 or size <= 0.0:
+        return stamped
+    steps = along / (square * h)
+    whole = math.floor(steps + 0.5)
+    # least squares: the rest is |moved|^2 - (moved . mean)^2 / |mean|^2
+    unexplained = size - along * along / square
+    apart = whole * h - stamped
+    by_stamps = apart * apart * square + unexplained
+    if whole < 1.0 or abs(steps - whole) > WHOLE or unexplained > EXPLAINED * size:
+        return stamped
+    return whole * h if by_stamps > EXPLAINED * size else stamped
+
+
+@inline_function
+def _led(lead: float, before: Vector, now: Vector) -> Vector:
+    """The part of a semi-implicit motion that comes from its positions following v+."""
+    return scale(lead, sub(now, before))
+
+
+@inline_function
+def is_stalled(mem: Array) -> bool:
+    """Whether the last wrench that acted is being held although newer ones have been sent."""
+    return mem[model.STALLED] > 0.0
+
+
+@inline_function
+def _at(mem: Array, j: int, at: int) -> Vector:
+    """The wrench sent j periods before the last one."""
+    return model.vector(mem, model.SENT_WRENCHES + 12 * j + at)
+
+
+@inline_function
+def _mixed(mem: Array, j: int, part: float, at: int) -> Vector:
+    """The mean wrench of a period, j + part periods late."""
+    return add_scaled(scale(1.0 - part, _at(mem, j, at)), part, _at(mem, j + 1, at))
+
+
+@device_function
+def find_stall(
+    par: Array,
+    mem: Array,
+    needed: tuple[Vector, Vector, Vector, Vector],
+    n: int,
+    weights: tuple[float, float, float, float],
+    resolution: float,
+) -> bool:
+    """Whether this interval tells nothing of the latency, as a wrench was held through it or until.
+
+    Updates the stall in ``mem``. Arguments as of is_lock_step (core/latency_estimation.py).
+    """
+    stalled, known = is_stalled(mem), mem[model.LAST_INTERVAL] > 0.0
+    late = latency_of(par, mem)
+    j, part = int(late), late - int(late)
+    if n != 1 or not known:
+        mem[model.STALLED] = 0.0
+        return False
+    missed = missed_held = change = size = 0.0
+    for k in range(4):
+        at = 3 * k
+        seen = sub(needed[k], model.vector(mem, model.LAST_NEEDED + at))
+        held, last = _at(mem, j + 1, at), _mixed(mem, j + 1, part, at)
+        if stalled:
+            held = last = model.vector(mem, model.STALLED_WRENCH + at)
+        now = _mixed(mem, j, part, at)
+        off, off_held = sub(seen, sub(now, last)), sub(seen, sub(held, last))
+        by = sub(now, held)
+        missed += weights[k] * dot(off, off)
+        missed_held += weights[k] * dot(off_held, off_held)
+        change += weights[k] * dot(by, by)
+        size += weights[k] * dot(now, now)
+    telling = change > LEAST_CHANGE * size + 100.0 * resolution
+    agreed = mem[model.AGREED]
+    trusted = max(agreed, mem[model.LOCK_STEP] if mem[model.DELAYED] == 0.0 else 0.0) >= AGREED
+    if telling and trusted and missed_held < HELD * missed:
+        if not stalled:
+            for k in range(4):
+                model.write_vector(mem, model.STALLED_WRENCH + 3 * k, _at(mem, j + 1, 3 * k))
+        mem[model.STALLED] += 1.0
+        return True
+    if stalled and not telling:
+        return True
+    mem[model.STALLED] = 0.0
+    if telling:
+        agrees = missed < AGREES * change
+        mem[model.AGREED] = min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - 2.0, 0.0)
+    return stalled
