@@ -199,7 +199,10 @@ def _measure_latency(
             add_interval(mem, 6 * k, seen.force, periods, weights[2 * k])
             add_interval(mem, 6 * k + 3, seen.torque, periods, weights[2 * k + 1])
     if mem[model.LAST_INTERVAL] > 0.0:
-        estimate(mem, resolution)
+        acted = 0.0
+        for k in range(4):
+            acted += weights[k] * dot(needed[k], needed[k])
+        estimate(mem, resolution, acted)
     elif mem[model.FIT_CHANGE] == 0.0:
         begin_estimate(mem)
     mem[model.LAST_INTERVAL] = periods

@@ -16,7 +16,7 @@ class Drawer(Node):
         super().__init__("drawer_simulator")
         self.x, self.q = np.array([0.1, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])
         self.v, self.w, self.t = np.zeros(3), np.zeros(3), 0.0
-        self.force, self.torque = None, np.zeros(3)  # at rest until the first wrench arrives
+        self.force, self.torque, self.age = None, np.zeros(3), 0  # at rest until one arrives
         self.pose = self.create_publisher(PoseStamped, "drawer/pose", 10)
         self.twist = self.create_publisher(TwistStamped, "drawer/twist", 10)
         self.create_subscription(WrenchStamped, "drawer/external_wrench", self.on_wrench, 10)
@@ -32,7 +32,7 @@ class Drawer(Node):
         """Take the newest wrench: body axes, turned into the world's once."""
         f, t = message.wrench.force, message.wrench.torque
         self.force = self.rotation() @ (f.x, f.y, f.z)
-        self.torque = self.rotation() @ (t.x, t.y, t.z)
+        self.torque, self.age = self.rotation() @ (t.x, t.y, t.z), 0
 
     def step(self) -> None:
         """Publish the state, then integrate one period under wrench, gravity and a hand's push."""
@@ -46,7 +46,8 @@ class Drawer(Node):
         (angular.x, angular.y, angular.z) = self.w.tolist()
         self.pose.publish(pose)
         self.twist.publish(twist)
-        if self.force is None:
+        self.age += 1
+        if self.force is None or self.age > 5:  # none for five periods: stand still until one comes
             return
         push = np.array([8.0 * np.sin(1.5 * self.t), 0.0, 0.0])  # pulled out and pushed in
         axes = self.rotation()
