@@ -209,7 +209,9 @@ def _measure_latency(
 
 
 @inline_function
-def _probe(par: Array, mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int) -> None:
+def _probe(
+    par: Array, mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int
+) -> None:
     """Measure the latency beside a declared one, on which it has no effect.
 
     The first samples of a probe store the wrenches that are sent.

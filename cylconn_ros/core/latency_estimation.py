@@ -140,7 +140,7 @@ def is_lock_step(mem: Array) -> bool:
 
 @inline_function
 def is_tolerated(mem: Array) -> bool:
-    """Whether the evidence of lock step outweighs an interval whose wrenches did not act at once."""
+    """Whether the evidence of lock step outweighs an interval whose wrenches acted late."""
     evidence = mem[model.LOCK_STEP]
     tolerated = mem[model.DELAYED] == 0.0 and evidence >= DISAGREEMENT
     mem[model.LOCK_STEP] = evidence - DISAGREEMENT if tolerated else 0.0

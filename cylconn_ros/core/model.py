@@ -135,7 +135,8 @@ DRIVE_POSITION: Final = PENDING_RESTITUTION + 2  # 2: method penalty, position t
 STALLED: Final = DRIVE_POSITION + 2  # intervals through which a wrench has been held
 STALLED_WRENCH: Final = STALLED + 1  # 12: that wrench, as at SENT_WRENCHES
 AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
-NMEM: Final = AGREED + 1
+UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent wrenches
+NMEM: Final = UNKNOWN_LOAD + 12
 
 
 class Output(NamedTuple):

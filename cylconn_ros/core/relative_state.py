@@ -41,6 +41,7 @@ Two = tuple[float, float]
 
 MAX_INPUT = 1e15  # fourth powers of larger inputs overflow: treated as not finite
 MIN_QUATERNION_NORM = 1e-6  # shorter quaternions define no orientation
+EVEN = 0.01  # variation of the period up to which motions tell the integration of the plant
 LEAST_MISFIT = 1e-14  # m^2, over some ten samples
 CONTRADICTION = 0.2  # share of the motion by which poses and twists may differ
 
@@ -234,7 +235,8 @@ def _check_motion(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> boo
             add_work(mem, by_force + dot(model.vector(mem, last + 3), turning))
     if prompt:
         mem[model.JUMPED] = 1.0 if jump else 0.0
-    mem[at], mem[at + 1] = exact, other
+    if prompt or mem[model.PERIOD_VARIATION] < EVEN:
+        mem[at], mem[at + 1] = exact, other
     if model.output(par).semi_implicit:
         exact, other = other, exact
     return exact > LEAST_MISFIT and other < 1e-2 * exact

@@ -3,10 +3,11 @@
 A simulator or a connector that is kept waiting stalls the loop. While the connector waits, the
 plant moves on under the wrench that it has; afterwards the connector answers the samples that have
 queued up, and of those wrenches only the newest will act. This is no latency of many periods: as
-soon as the stall is over, wrenches act as late as before. With dN the change of the needed wrench
-from the last interval to this one, and P the wrench that is expected to act,
+soon as the stall is over, wrenches act as late as before. With N the wrench that the interval
+needed, L its mean excess over the sent wrenches (unknown loads), and P the wrench that is expected
+to act,
 
-    |dN - (held - P_last)|^2 < HELD |dN - (P - P_last)|^2
+    |N - L - held|^2 < HELD |N - L - P|^2
 
 tells that the wrench which acted at the end of the last interval was held through this one. The
 estimate of the latency then stays as it is, and the wrenches in flight are taken as overtaken by
@@ -35,6 +36,7 @@ from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
 HELD = 0.05
 AGREED = 5  # intervals
 MOST_AGREED = 20
+LOAD_SHARE = 0.1  # of an interval in the mean of unknown loads
 AGREES = 0.1  # misfit of an interval that confirms the latency, over its change, both squared
 LEAST_CHANGE = 1e-8  # of the wrench, relative, squared
 EVEN = 0.01  # of the period: stamps within it are as good as the motion
@@ -118,20 +120,21 @@ def find_stall(
     if n != 1 or not known:
         mem[model.STALLED] = 0.0
         return False
-    missed = missed_held = change = size = 0.0
+    missed = missed_held = change = size = differs = 0.0
     for k in range(4):
         at = 3 * k
-        seen = sub(needed[k], model.vector(mem, model.LAST_NEEDED + at))
-        held, last = _at(mem, j + 1, at), _mixed(mem, j + 1, part, at)
+        now, held = _mixed(mem, j, part, at), _at(mem, j + 1, at)
         if stalled:
-            held = last = model.vector(mem, model.STALLED_WRENCH + at)
-        now = _mixed(mem, j, part, at)
-        off, off_held = sub(seen, sub(now, last)), sub(seen, sub(held, last))
-        by = sub(now, held)
+            held = model.vector(mem, model.STALLED_WRENCH + at)
+        acted = sub(needed[k], model.vector(mem, model.UNKNOWN_LOAD + at))
+        off, off_held, by = sub(acted, now), sub(acted, held), sub(now, held)
         missed += weights[k] * dot(off, off)
         missed_held += weights[k] * dot(off_held, off_held)
         change += weights[k] * dot(by, by)
         size += weights[k] * dot(now, now)
+        seen = sub(needed[k], model.vector(mem, model.LAST_NEEDED + at))
+        off = sub(seen, sub(now, _mixed(mem, j + 1, part, at)))
+        differs += weights[k] * dot(off, off)
     telling = change > LEAST_CHANGE * size + 100.0 * resolution
     agreed = mem[model.AGREED]
     trusted = max(agreed, mem[model.LOCK_STEP] if mem[model.DELAYED] == 0.0 else 0.0) >= AGREED
@@ -144,7 +147,14 @@ def find_stall(
     if stalled and not telling:
         return True
     mem[model.STALLED] = 0.0
-    if telling:
-        agrees = missed < AGREES * change
+    agrees = differs < AGREES * change
+    if telling and not stalled:
         mem[model.AGREED] = min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - 2.0, 0.0)
+    if (agrees or not telling) and not stalled:
+        for k in range(4):
+            at = 3 * k
+            beside = sub(needed[k], _mixed(mem, j, part, at))
+            mean = model.vector(mem, model.UNKNOWN_LOAD + at)
+            new = add_scaled(mean, LOAD_SHARE, sub(beside, mean))
+            model.write_vector(mem, model.UNKNOWN_LOAD + at, new)
     return stalled
