@@ -56,6 +56,8 @@ from cylconn_ros.core.vectors import (
 
 FORGETTING = 0.9  # factor on the variation of earlier periods
 VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in full
+EVEN = 0.05  # variation of a period up to which a motion tells the integration of the plant
+MISFIT_KEPT = 0.9  # factor on earlier misfits
 PROBED_SAMPLES = 200  # in which a declared latency is compared with the measured one
 PROBE = PROBED_SAMPLES + SENT_PERIODS + 1  # with those before in which wrenches are stored
 _KEPT = 12 * (SENT_PERIODS - 1)
@@ -151,6 +153,10 @@ def _take_up(
             add_work(mem, a.work)
             add_work(mem, b.work)
             mem[model.JUMPED] = 1.0 if a.jump or b.jump else 0.0
+            if periods == 1 and off < EVEN and not (a.jump or b.jump):
+                at = model.INTEGRATION_MISFIT
+                mem[at] = MISFIT_KEPT * mem[at] + a.apart_halfway + b.apart_halfway
+                mem[at + 1] = MISFIT_KEPT * mem[at + 1] + a.apart_late + b.apart_late
             if is_measured(par):
                 balance = mem[model.WORK] - mem[model.ACTUATION_WORK] + mem[model.SPRING_ENERGY]
                 control_gain(mem, balance, abs(a.work) + abs(b.work))
@@ -161,6 +167,7 @@ class Interval(NamedTuple):
 
     work: J. jump: whether it has jumped. force, torque: the mean wrench about the mass centre that
     its change of velocity needed, N and N.m. size: of force and momentum rates, N, for rounding.
+    apart_halfway, apart_late: squared differences from an exact and from a semi-implicit motion.
     """
 
     work: float
@@ -168,6 +175,8 @@ class Interval(NamedTuple):
     force: Vector
     torque: Vector
     size: float
+    apart_halfway: float
+    apart_late: float
 
 
 @inline_function
@@ -281,7 +290,8 @@ def _replay(
     check_twist(mem, k, moved, first.velocity, measured.velocity, h)
     apart, late_by = sub(measured.com, m.com), sub(moved, expected)
     halfway = add_scaled(late_by, 0.5 * h, sub(measured.velocity, first.velocity))
-    least = min(dot(apart, apart), dot(late_by, late_by), dot(halfway, halfway))
+    apart_late, apart_halfway = dot(late_by, late_by), dot(halfway, halfway)
+    least = min(dot(apart, apart), apart_late, apart_halfway)
     faster = sub(measured.velocity, m.velocity)
     axes = matrix(measured.orientation)
     spun = out_of(axes, times(body.inertia, into(axes, sub(measured.spin, m.spin))))
@@ -289,7 +299,7 @@ def _replay(
     if not jump:
         work += dot(mean, apart) + dot(turn, sub(measured.spin, m.spin))
     if not body.free:
-        return Interval(work, jump, mean, torques, 0.0)
+        return Interval(work, jump, mean, torques, 0.0, apart_halfway, apart_late)
     force, torque = add_scaled(mean, body.mass / h, faster), add_scaled(torques, 1.0 / h, spun)
     size = RESOLUTION * (norm(force) + body.mass / h * norm(measured.velocity))
-    return Interval(work, jump, force, torque, size)
+    return Interval(work, jump, force, torque, size, apart_halfway, apart_late)

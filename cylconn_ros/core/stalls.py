@@ -36,6 +36,7 @@ from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
 HELD = 0.05
 AGREED = 5  # intervals
 MOST_AGREED = 20
+DISAGREES = 0.25  # confirmations that an interval outweighs which does not confirm it
 LOAD_SHARE = 0.1  # of an interval in the mean of unknown loads
 AGREES = 0.1  # misfit of an interval that confirms the latency, over its change, both squared
 LEAST_CHANGE = 1e-8  # of the wrench, relative, squared
@@ -149,7 +150,7 @@ def find_stall(
     mem[model.STALLED] = 0.0
     agrees = differs < AGREES * change
     if telling and not stalled:
-        mem[model.AGREED] = min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - 2.0, 0.0)
+        mem[model.AGREED] = min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - DISAGREES, 0.0)
     if (agrees or not telling) and not stalled:
         for k in range(4):
             at = 3 * k
