@@ -150,7 +150,9 @@ def find_stall(
     mem[model.STALLED] = 0.0
     agrees = differs < AGREES * change
     if telling and not stalled:
-        mem[model.AGREED] = min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - DISAGREES, 0.0)
+        mem[model.AGREED] = (
+            min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - DISAGREES, 0.0)
+        )
     if (agrees or not telling) and not stalled:
         for k in range(4):
             at = 3 * k

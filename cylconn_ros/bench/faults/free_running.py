@@ -78,7 +78,7 @@ class Motion:
     spread: float = 0.0
 
 
-class _FreeRunning:
+class FreeRunningPlant:
     """The plant with the wrenches that are on their way to it."""
 
     def __init__(self, scene: Scene) -> None:
@@ -113,7 +113,7 @@ def run(scene: Scene, lag: Lag | None, seed: int = 0) -> Motion:
     h = scene.period
     duration = max(_DURATION[0], min(scene.plant.duration, _DURATION[1]))
     told = dataclasses.replace(scene, latency=0 if lag is None else -1)
-    connector, free = Connector(told), _FreeRunning(scene)
+    connector, free = Connector(told), FreeRunningPlant(scene)
     rng, sample, out = np.random.default_rng(seed), np.zeros(layout.NSAMPLE), np.empty(layout.NOUT)
     offset = angle = force = gained = 0.0
     start = 0.0
