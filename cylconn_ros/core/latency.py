@@ -32,6 +32,7 @@ from cylconn_ros.core.latency_estimation import (
     is_lock_step,
     is_tolerated,
     keep_needed,
+    update_gain,
 )
 from cylconn_ros.core.layout import MAX_LATENCY, SENT_PERIODS
 from cylconn_ros.core.passivity import add_work, control_gain, has_jumped
@@ -56,6 +57,7 @@ from cylconn_ros.core.vectors import (
 
 FORGETTING = 0.9  # factor on the variation of earlier periods
 VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in full
+ANOTHER = 0.5  # periods: a change of the estimate beyond it has yet to be confirmed
 EVEN = 0.05  # variation of a period up to which a motion tells the integration of the plant
 MISFIT_KEPT = 0.9  # factor on earlier misfits
 PROBED_SAMPLES = 200  # in which a declared latency is compared with the measured one
@@ -197,6 +199,7 @@ def _measure_latency(
         return
     if find_stall(par, mem, needed, periods, weights, resolution):
         keep_needed(mem, needed, periods)
+        update_gain(mem)
         return
     if not at_once and is_tolerated(mem):
         forget(mem, needed, periods)
@@ -211,7 +214,10 @@ def _measure_latency(
         acted = 0.0
         for k in range(4):
             acted += weights[k] * dot(needed[k], needed[k])
+        before = mem[model.MEASURED_LATENCY]
         estimate(mem, resolution, acted)
+        if abs(mem[model.MEASURED_LATENCY] - before) > ANOTHER:
+            mem[model.AGREED] = 0.0
     elif mem[model.FIT_CHANGE] == 0.0:
         begin_estimate(mem)
     mem[model.LAST_INTERVAL] = periods

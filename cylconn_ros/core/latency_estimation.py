@@ -284,7 +284,7 @@ def estimate(mem: Array, resolution: float, acted: float) -> None:
     whole = MIXED * min(max(0.5 * mem[model.MEASURED_LATENCY] - 1.0, 0.0), 1.0)
     mem[model.SPREAD_SUMS] += weight * (along * along + whole * max(rest, 0.0) * across)
     mem[model.SPREAD_SUMS + 1] += weight * across * across
-    _update_gain(mem)
+    update_gain(mem)
 
 
 @inline_function
@@ -292,8 +292,8 @@ def _gain(mem: Array) -> float:
     return mem[model.FEEDBACK_GAIN] if mem[model.FEEDBACK_GAIN] > 0.0 else 1.0
 
 
-@inline_function
-def _update_gain(mem: Array) -> None:
+@device_function
+def update_gain(mem: Array) -> None:
     """Spread and gain from the sums."""
     spread, weight = 0.0, mem[model.SPREAD_SUMS + 1]
     if weight > 0.0 and mem[model.DELAYED] != 0.0:

@@ -14,6 +14,10 @@ estimate of the latency then stays as it is, and the wrenches in flight are take
 the one that is computed now. Only after AGREED intervals that confirmed the latency: before, a
 wrench that does not act may as well be on its way.
 
+A wrench that reaches the simulator within the same period as a newer one never acts. Where a newer
+wrench than the expected one acted through the interval, the older ones are dropped: they would be
+taken for late until the estimate reaches its greatest latency.
+
 A simulator of fixed steps that stamps its samples with the clock moves by whole periods, whatever
 its stamps say. The number of periods that a motion took is that of
 
@@ -29,6 +33,7 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import latency_of
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.layout import SENT_PERIODS
 from cylconn_ros.core.plant import motion_of
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
@@ -36,7 +41,11 @@ from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
 HELD = 0.05
 AGREED = 5  # intervals
 MOST_AGREED = 20
+CLEARLY = 0.01  # misfit of a wrench that overtook others, over that of those, both squared
+DISTINCT = 0.01  # its difference from them, over itself, both squared
 DISAGREES = 0.25  # confirmations that an interval outweighs which does not confirm it
+LOADED = 0.1  # what such an interval needs beside the wrench, over the wrench, both squared
+FAR_SHARE = 0.005  # of one that needs more
 LOAD_SHARE = 0.1  # of an interval in the mean of unknown loads
 AGREES = 0.1  # misfit of an interval that confirms the latency, over its change, both squared
 LEAST_CHANGE = 1e-8  # of the wrench, relative, squared
@@ -147,17 +156,68 @@ def find_stall(
         return True
     if stalled and not telling:
         return True
+    newest = _newest(mem, needed, weights, j, min(missed, missed_held))
+    if newest >= 0:
+        _drop_overtaken(mem, newest, trusted)
+        mem[model.STALLED], mem[model.AGREED] = 0.0, max(agreed - 1.0, 0.0)
+        return True
     mem[model.STALLED] = 0.0
     agrees = differs < AGREES * change
     if telling and not stalled:
         mem[model.AGREED] = (
             min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - DISAGREES, 0.0)
         )
-    if (agrees or not telling) and not stalled:
+    near = missed < LOADED * size
+    if not stalled and (agrees or (near and not telling)):
+        share = LOAD_SHARE if near else FAR_SHARE
         for k in range(4):
             at = 3 * k
             beside = sub(needed[k], _mixed(mem, j, part, at))
             mean = model.vector(mem, model.UNKNOWN_LOAD + at)
-            new = add_scaled(mean, LOAD_SHARE, sub(beside, mean))
-            model.write_vector(mem, model.UNKNOWN_LOAD + at, new)
+            model.write_vector(
+                mem, model.UNKNOWN_LOAD + at, add_scaled(mean, share, sub(beside, mean))
+            )
     return stalled
+
+
+@inline_function
+def _newest(
+    mem: Array,
+    needed: tuple[Vector, Vector, Vector, Vector],
+    weights: tuple[float, float, float, float],
+    late: int,
+    missed: float,
+) -> int:
+    """The wrench newer than the expected one that acted through the whole interval; -1 if none.
+
+    Its index, 0 for the last one sent. missed: misfit of the wrench expected or held.
+    """
+    found, least = -1, CLEARLY * missed
+    for i in range(late):
+        misfit = change = size = 0.0
+        for k in range(4):
+            at = 3 * k
+            sent = _at(mem, i, at)
+            off = sub(sub(needed[k], model.vector(mem, model.UNKNOWN_LOAD + at)), sent)
+            by = sub(sent, _at(mem, late, at))
+            misfit += weights[k] * dot(off, off)
+            change += weights[k] * dot(by, by)
+            size += weights[k] * dot(sent, sent)
+        if misfit < least and change > DISTINCT * size:
+            found, least = i, misfit
+    return found
+
+
+@inline_function
+def _drop_overtaken(mem: Array, newest: int, trusted: bool) -> None:
+    """Forget the wrenches that the one at index ``newest`` has overtaken: they will never act."""
+    at = model.SENT_WRENCHES + 12 * newest
+    for i in range(newest + 1, SENT_PERIODS):
+        for k in range(12):
+            mem[model.SENT_WRENCHES + 12 * i + k] = mem[at + k]
+    for k in range(model.FILTERED_NEEDED, model.LAST_INTERVAL):
+        mem[k] = 0.0
+    if not trusted:  # the estimate has taken them for late
+        for k in range(model.LATENCY_FIT, model.LAST_NEEDED):
+            mem[k] = 0.0
+        mem[model.MEASURED_LATENCY] = float(newest)
