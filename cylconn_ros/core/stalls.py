@@ -130,7 +130,7 @@ def find_stall(
     if n != 1 or not known:
         mem[model.STALLED] = 0.0
         return False
-    missed = missed_held = change = size = differs = 0.0
+    missed = missed_held = change = size = differs = nothing = 0.0
     for k in range(4):
         at = 3 * k
         now, held = _mixed(mem, j, part, at), _at(mem, j + 1, at)
@@ -142,12 +142,18 @@ def find_stall(
         missed_held += weights[k] * dot(off_held, off_held)
         change += weights[k] * dot(by, by)
         size += weights[k] * dot(now, now)
+        nothing += weights[k] * dot(acted, acted)
         seen = sub(needed[k], model.vector(mem, model.LAST_NEEDED + at))
         off = sub(seen, sub(now, _mixed(mem, j + 1, part, at)))
         differs += weights[k] * dot(off, off)
     telling = change > LEAST_CHANGE * size + 100.0 * resolution
     agreed = mem[model.AGREED]
     trusted = max(agreed, mem[model.LOCK_STEP] if mem[model.DELAYED] == 0.0 else 0.0) >= AGREED
+    if trusted and nothing < CLEARLY * min(missed, missed_held):
+        for k in range(12):  # after a timeout, or as the simulator applies no old wrench
+            mem[model.STALLED_WRENCH + k] = 0.0
+        mem[model.STALLED] += 1.0
+        return True
     if telling and trusted and missed_held < HELD * missed:
         if not stalled:
             for k in range(4):
