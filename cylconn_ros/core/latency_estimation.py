@@ -94,6 +94,9 @@ def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) ->
     """Keep only the wrenches of the last interval, of n periods: wrenches act with their sample."""
     keep_needed(mem, needed, n)
     if mem[model.FIT_CHANGE] == 0.0 and mem[model.DELAYED] == 0.0:
+        if mem[model.FEEDBACK_GAIN] != 0.0:  # after a stall
+            gain = mem[model.FEEDBACK_GAIN] + RECOVERY
+            mem[model.FEEDBACK_GAIN] = gain if gain < 1.0 else 0.0
         return
     mem[model.DELAYED], mem[model.LATENCY_SPREAD] = 0.0, 0.0
     mem[model.FEEDBACK_GAIN], mem[model.GAIN_REDUCTION] = 0.0, 0.0

@@ -136,7 +136,9 @@ STALLED: Final = DRIVE_POSITION + 2  # intervals through which a wrench has been
 STALLED_WRENCH: Final = STALLED + 1  # 12: that wrench, as at SENT_WRENCHES
 AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
 UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent wrenches
-NMEM: Final = UNKNOWN_LOAD + 12
+USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last intervals
+LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
+NMEM: Final = LATENCIES + 1
 
 
 class Output(NamedTuple):

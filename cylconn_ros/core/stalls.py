@@ -41,6 +41,9 @@ from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
 HELD = 0.05
 AGREED = 5  # intervals
 MOST_AGREED = 20
+USUAL_OF = 50.0  # intervals of the usual latency
+SOON = 2.0  # periods: with more, a wrench that does not act yet is rather on its way
+AFTER, LEAST_AFTER = 0.5, 0.2  # the gain after n intervals is 1/(1 + AFTER n), or the least one
 CLEARLY = 0.01  # misfit of a wrench that overtook others, over that of those, both squared
 DISTINCT = 0.01  # its difference from them, over itself, both squared
 DISAGREES = 0.25  # confirmations that an interval outweighs which does not confirm it
@@ -127,7 +130,12 @@ def find_stall(
     stalled, known = is_stalled(mem), mem[model.LAST_INTERVAL] > 0.0
     late = latency_of(par, mem)
     j, part = int(late), late - int(late)
-    if n != 1 or not known:
+    count = mem[model.LATENCIES] = min(mem[model.LATENCIES] + 1.0, USUAL_OF)
+    apart = min(max(late - mem[model.USUAL_LATENCY], -1.0), 1.0)
+    mem[model.USUAL_LATENCY] += (
+        late - mem[model.USUAL_LATENCY] if count < USUAL_OF else apart
+    ) / count
+    if n != 1 or not known or mem[model.USUAL_LATENCY] >= SOON:
         mem[model.STALLED] = 0.0
         return False
     missed = missed_held = change = size = differs = nothing = 0.0
@@ -159,6 +167,9 @@ def find_stall(
             for k in range(4):
                 model.write_vector(mem, model.STALLED_WRENCH + 3 * k, _at(mem, j + 1, 3 * k))
         mem[model.STALLED] += 1.0
+        gain = mem[model.FEEDBACK_GAIN] if mem[model.FEEDBACK_GAIN] > 0.0 else 1.0
+        least = max(LEAST_AFTER, 1.0 / (1.0 + AFTER * mem[model.STALLED]))
+        mem[model.FEEDBACK_GAIN] = min(gain, least)
         return True
     if stalled and not telling:
         return True
