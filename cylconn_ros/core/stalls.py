@@ -38,7 +38,7 @@ from cylconn_ros.core.plant import motion_of
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
 
-HELD = 0.05
+HELD = 0.01
 AGREED = 5  # intervals
 MOST_AGREED = 20
 USUAL_OF = 50.0  # intervals of the usual latency
