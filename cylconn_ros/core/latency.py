@@ -211,11 +211,8 @@ def _measure_latency(
             add_interval(mem, 6 * k, seen.force, periods, weights[2 * k])
             add_interval(mem, 6 * k + 3, seen.torque, periods, weights[2 * k + 1])
     if mem[model.LAST_INTERVAL] > 0.0:
-        acted = 0.0
-        for k in range(4):
-            acted += weights[k] * dot(needed[k], needed[k])
         before = mem[model.MEASURED_LATENCY]
-        estimate(mem, resolution, acted)
+        estimate(mem, resolution)
         if abs(mem[model.MEASURED_LATENCY] - before) > ANOTHER:
             mem[model.AGREED] = 0.0
     elif mem[model.FIT_CHANGE] == 0.0:

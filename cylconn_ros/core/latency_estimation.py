@@ -35,7 +35,6 @@ from cylconn_ros.core.passivity import reset_stick_position
 from cylconn_ros.core.vectors import Vector, add_scaled, dot, sub
 
 FORGETTING = 0.1  # share of earlier intervals that one with as much change replaces
-KEPT = 0.95  # share of sums greater than the square of the wrenches that counts on per interval
 UNEXPLAINED = 4.0  # weight of what no latency explains, over the change of the wrenches
 NEIGHBOUR_RATIO = 0.8  # the same of the next j
 SWITCH_RATIO = 0.25  # misfit of another j over that in use, below which it replaces it
@@ -192,7 +191,7 @@ def add_interval(mem: Array, at: int, needed: Vector, n: int, weight: float) -> 
 
 
 @inline_function
-def _take_interval(mem: Array, acted: float) -> float:
+def _take_interval(mem: Array) -> float:
     """Add the sums of the interval to those of all, by what they say; their weight."""
     unexplained, change = math.inf, 0.0
     for j in range(MAX_LATENCY + 1):
@@ -201,10 +200,6 @@ def _take_interval(mem: Array, acted: float) -> float:
         phi = min(max(-s1 / s2, 0.0), 1.0) if s2 > 0.0 else 0.0
         unexplained = min(unexplained, s0 + phi * (2.0 * s1 + phi * s2))
         change = max(change, s2)
-    if mem[model.FIT_CHANGE] > acted:  # an impact of long ago must not outweigh the present
-        for k in range(3 * (MAX_LATENCY + 1)):
-            mem[model.LATENCY_FIT + k] *= KEPT
-        mem[model.FIT_CHANGE] *= KEPT
     if change <= 0.0:
         return 0.0
     other = UNEXPLAINED * max(unexplained, 0.0)
@@ -246,12 +241,9 @@ def _fit(mem: Array, j: int, rounding: float) -> tuple[float, float]:
 
 
 @device_function
-def estimate(mem: Array, resolution: float, acted: float) -> None:
-    """Estimate latency, spread and gain.
-
-    ``resolution``: sum of squares that is rounding; ``acted``: of the needed wrenches.
-    """
-    weight = _take_interval(mem, acted)
+def estimate(mem: Array, resolution: float) -> None:
+    """Estimate latency, spread and gain. ``resolution``: sum of squares that is rounding."""
+    weight = _take_interval(mem)
     used = int(mem[model.MEASURED_LATENCY])
     now_phi = mem[model.MEASURED_LATENCY] - used
     rounding, now, greatest = 100.0 * resolution, 0.0, 0.0
