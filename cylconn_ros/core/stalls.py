@@ -33,7 +33,7 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import latency_of
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.layout import SENT_PERIODS
+from cylconn_ros.core.layout import MAX_LATENCY, SENT_PERIODS
 from cylconn_ros.core.plant import motion_of
 from cylconn_ros.core.rigid_body import Body
 from cylconn_ros.core.vectors import Vector, add, add_scaled, dot, scale, sub
@@ -42,7 +42,7 @@ HELD = 0.01
 AGREED = 5  # intervals
 MOST_AGREED = 20
 USUAL_OF = 50.0  # intervals of the usual latency
-SOON = 2.0  # periods: with more, a wrench that does not act yet is rather on its way
+SOON = 1.6  # periods: with more, a wrench that does not act yet is rather on its way
 AFTER, LEAST_AFTER = 0.5, 0.2  # the gain after n intervals is 1/(1 + AFTER n), or the least one
 CLEARLY = 0.01  # misfit of a wrench that overtook others, over that of those, both squared
 DISTINCT = 0.01  # its difference from them, over itself, both squared
@@ -173,10 +173,13 @@ def find_stall(
         return True
     if stalled and not telling:
         return True
-    newest = _newest(mem, needed, weights, j, min(missed, missed_held))
-    if newest >= 0:
-        _drop_overtaken(mem, newest, trusted)
+    acted_at = _acted(mem, needed, weights, j, min(missed, missed_held))
+    if acted_at > j:
+        _begin_again(mem, acted_at)
+    elif acted_at >= 0:
+        _drop_overtaken(mem, acted_at, trusted)
         mem[model.STALLED], mem[model.AGREED] = 0.0, max(agreed - 1.0, 0.0)
+    if acted_at >= 0:
         return True
     mem[model.STALLED] = 0.0
     agrees = differs < AGREES * change
@@ -198,19 +201,20 @@ def find_stall(
 
 
 @inline_function
-def _newest(
+def _acted(
     mem: Array,
     needed: tuple[Vector, Vector, Vector, Vector],
     weights: tuple[float, float, float, float],
     late: int,
     missed: float,
 ) -> int:
-    """The wrench newer than the expected one that acted through the whole interval; -1 if none.
+    """The wrench other than the expected one that acted through the whole interval; -1 if none.
 
     Its index, 0 for the last one sent. missed: misfit of the wrench expected or held.
     """
-    found, least = -1, CLEARLY * missed
-    for i in range(late):
+    for i in range(MAX_LATENCY + 1):
+        if i == late or i == late + 1:
+            continue
         misfit = change = size = 0.0
         for k in range(4):
             at = 3 * k
@@ -220,9 +224,21 @@ def _newest(
             misfit += weights[k] * dot(off, off)
             change += weights[k] * dot(by, by)
             size += weights[k] * dot(sent, sent)
-        if misfit < least and change > DISTINCT * size:
-            found, least = i, misfit
-    return found
+        share = CLEARLY if i < late else CLEARLY * CLEARLY
+        if misfit < share * missed and change > DISTINCT * size:
+            return i
+    return -1
+
+
+@inline_function
+def _begin_again(mem: Array, late: int) -> None:
+    """Take a wrench that acted ``late`` periods after its sample for a longer latency."""
+    for k in range(model.LATENCY_FIT, model.LAST_NEEDED):
+        mem[k] = 0.0
+    for k in range(model.FILTERED_NEEDED, model.LAST_INTERVAL):
+        mem[k] = 0.0
+    mem[model.MEASURED_LATENCY], mem[model.DELAYED] = float(late), 1.0
+    mem[model.STALLED], mem[model.AGREED], mem[model.LATENCIES] = 0.0, 0.0, 0.0
 
 
 @inline_function
