@@ -114,6 +114,17 @@ def _mixed(mem: Array, j: int, part: float, at: int) -> Vector:
     return add_scaled(scale(1.0 - part, _at(mem, j, at)), part, _at(mem, j + 1, at))
 
 
+@inline_function
+def _update_usual(mem: Array, late: float) -> None:
+    """Add the latency of an interval to the mean of the last ones, a period's difference at most."""
+    count = min(mem[model.LATENCIES] + 1.0, USUAL_OF)
+    mem[model.LATENCIES] = count
+    apart = late - mem[model.USUAL_LATENCY]
+    if count == USUAL_OF:
+        apart = min(max(apart, -1.0), 1.0)
+    mem[model.USUAL_LATENCY] += apart / count
+
+
 @device_function
 def find_stall(
     par: Array,
@@ -130,11 +141,7 @@ def find_stall(
     stalled, known = is_stalled(mem), mem[model.LAST_INTERVAL] > 0.0
     late = latency_of(par, mem)
     j, part = int(late), late - int(late)
-    count = mem[model.LATENCIES] = min(mem[model.LATENCIES] + 1.0, USUAL_OF)
-    apart = min(max(late - mem[model.USUAL_LATENCY], -1.0), 1.0)
-    mem[model.USUAL_LATENCY] += (
-        late - mem[model.USUAL_LATENCY] if count < USUAL_OF else apart
-    ) / count
+    _update_usual(mem, late)
     if n != 1 or not known or mem[model.USUAL_LATENCY] >= SOON:
         mem[model.STALLED] = 0.0
         return False

@@ -37,7 +37,8 @@ def test_stamps_of_a_clock_do_not_stretch_a_motion_of_whole_steps(gap: float) ->
     for stretch in (1.0, gap):
         plant, connector = Plant(scene), Connector(scene)
         plant.state[20] = 0.5
-        sample, acting, rows = np.zeros(layout.NSAMPLE), np.zeros(12), []
+        sample, rows = np.zeros(layout.NSAMPLE), []
+        acting: np.ndarray = np.zeros(12)
         for k in range(120):
             sample[layout.MOTION], sample[layout.LOADS] = plant.state, plant.loads
             out = connector.step(sample, scene.period * (stretch if k == 60 else 1.0))

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from cylconn_ros.bench.faults import free_processes, lock_step, processes, shutdown
+from cylconn_ros.bench.faults import lock_step, processes, shutdown
 from cylconn_ros.bench.faults.fault import FaultCase, node, sleeve
 from cylconn_ros.bench.faults.messages import MessageFaults
 from cylconn_ros.bench.faults.simulator import Simulator
@@ -49,9 +49,9 @@ def cases(folder: Path, quick: bool) -> Iterator[FaultCase]:
                 yield with_invariants(late_wrenches(simulator, samples, steps), simulator)
     with _connected(folder, sleeve(**_MISALIGNED)) as simulator:
         yield with_invariants(misaligned(simulator, 1500), simulator)
-    for scene, lag in free_processes.cells(quick):
+    for scene, lag in processes.free_running_cells(quick):
         with _connected(folder, scene) as simulator:
-            yield with_invariants(free_processes.free_run(simulator, lag), simulator)
+            yield with_invariants(processes.free_run(simulator, lag), simulator)
     samples = lock_step.QUICK if quick else lock_step.SAMPLES
     of_processes = (
         lock_step.cases(folder, samples),
