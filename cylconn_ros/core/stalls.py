@@ -116,7 +116,7 @@ def _mixed(mem: Array, j: int, part: float, at: int) -> Vector:
 
 @inline_function
 def _update_usual(mem: Array, late: float) -> None:
-    """Add the latency of an interval to the mean of the last ones, a period's difference at most."""
+    """Add the latency of an interval to the usual one."""
     count = min(mem[model.LATENCIES] + 1.0, USUAL_OF)
     mem[model.LATENCIES] = count
     apart = late - mem[model.USUAL_LATENCY]

@@ -40,7 +40,7 @@ CELLS: Final = (
     (1000.0, Lag(5.0)),
 )
 """Rate (Hz) and lag."""
-QUICK_CELLS: Final = CELLS[3:4]
+QUICK_CELLS: Final = CELLS[1:2]
 _DURATION: Final = 2.0  # s
 _FIRST: Final = 300.0  # s for the first response; a node may have to compile
 _SETTLED: Final = 0.2  # s
