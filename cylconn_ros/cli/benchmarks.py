@@ -157,6 +157,20 @@ def _faults() -> Benchmark:
     return Benchmark([("faults of processes and messages", measured)], tables.body)
 
 
+def _free_running() -> Benchmark:
+    """Every bundled scene with a plant that does not wait, at 100 to 1000 Hz, nothing declared.
+
+    The part of faults that runs in process; a quarter of an hour.
+    """
+    from cylconn_ros.bench.faults import measure, tables
+
+    def measured(settings: Settings) -> Findings:
+        with Progress("scenes") as bar:
+            return measure.free_running_matrix(settings, bar)
+
+    return Benchmark([("a plant that does not wait", measured)], tables.both)
+
+
 def _soak() -> Benchmark:
     """Soak test: millions of samples in lock step with a recording node; up to an hour.
 
@@ -199,6 +213,7 @@ BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "connectors": _connectors,
     "replay": _replay,
     "faults": _faults,
+    "free_running": _free_running,
     "soak": _soak,
     "identification": _identification,
 }

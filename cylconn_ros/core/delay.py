@@ -62,9 +62,9 @@ def feedback_gain(par: Array, mem: Array) -> float:
 @inline_function
 def correction_share(par: Array, mem: Array) -> float:
     """Share of a position error that one wrench removes."""
-    if not is_delayed(par, mem):
-        return 1.0
     alpha = feedback_gain(par, mem)
+    if not is_delayed(par, mem):
+        return alpha * alpha
     return alpha * alpha / (1.0 + latency_of(par, mem) * mem[model.PERIOD_VARIATION])
 
 

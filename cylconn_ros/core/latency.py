@@ -23,18 +23,23 @@ from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.latency_estimation import (
     RESOLUTION,
+    acts_at_once,
     add_interval,
     begin_estimate,
     begin_interval,
     estimate,
     forget,
     is_lock_step,
+    is_tolerated,
+    keep_needed,
+    update_gain,
 )
 from cylconn_ros.core.layout import MAX_LATENCY, SENT_PERIODS
 from cylconn_ros.core.passivity import add_work, control_gain, has_jumped
 from cylconn_ros.core.plant import advance_body, motion_of
 from cylconn_ros.core.relative_state import check_twist, measure
 from cylconn_ros.core.rigid_body import Body
+from cylconn_ros.core.stalls import find_stall, interval_by_motion, is_stalled
 from cylconn_ros.core.vectors import (
     Vector,
     add,
@@ -52,6 +57,9 @@ from cylconn_ros.core.vectors import (
 
 FORGETTING = 0.9  # factor on the variation of earlier periods
 VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in full
+ANOTHER = 0.5  # periods: a change of the estimate beyond it has yet to be confirmed
+EVEN = 0.05  # variation of a period up to which a motion tells the integration of the plant
+MISFIT_KEPT = 0.9  # factor on earlier misfits
 PROBED_SAMPLES = 200  # in which a declared latency is compared with the measured one
 PROBE = PROBED_SAMPLES + SENT_PERIODS + 1  # with those before in which wrenches are stored
 _KEPT = 12 * (SENT_PERIODS - 1)
@@ -77,6 +85,7 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     periods = 1
     if mem[model.HAS_REFERENCE] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
+        mem[model.LAST_PERIOD] = interval_by_motion(par, mem, sample, body_a, body_b, h)
         periods = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MAX_LATENCY + 1)
     for _ in range(periods - 1):  # samples were lost: the last wrench was held
         for k in range(_KEPT - 1, -1, -1):
@@ -102,6 +111,8 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
         if dt == 0.0:
             continue
         at = model.SENT_WRENCHES + 12 * (whole - 1 - i)
+        if is_stalled(mem):
+            at = model.STALLED_WRENCH
         for k in range(2):
             body = body_a if k == 0 else body_b
             force, torque = model.vector(mem, at + 6 * k), model.vector(mem, at + 6 * k + 3)
@@ -130,18 +141,24 @@ def _take_up(
         a = _replay(par, mem, current, body_a, 0, periods, dt)
         b = _replay(par, mem, current, body_b, 1, periods, dt)
         if is_measured(par):
-            _measure_latency(mem, body_a, body_b, a, b, periods)
+            stalled = is_stalled(mem)
+            _measure_latency(par, mem, body_a, body_b, a, b, periods)
             shift = (latency_of(par, mem) - before) * h
-            if shift != 0.0:  # the interval between the predicted samples; and its work
+            # the interval between the predicted samples; and its work
+            if shift != 0.0 or stalled != is_stalled(mem):
                 mem[model.LAST_PERIOD] = max(mem[model.LAST_PERIOD] + shift, 0.01 * h)
                 a = _replay(par, mem, current, body_a, 0, periods, dt)
                 b = _replay(par, mem, current, body_b, 1, periods, dt)
         elif is_probed(mem):
-            _probe(mem, body_a, body_b, a, b, periods)
+            _probe(par, mem, body_a, body_b, a, b, periods)
         if is_delayed(par, mem):
             add_work(mem, a.work)
             add_work(mem, b.work)
             mem[model.JUMPED] = 1.0 if a.jump or b.jump else 0.0
+            if periods == 1 and off < EVEN and not (a.jump or b.jump):
+                at = model.INTEGRATION_MISFIT
+                mem[at] = MISFIT_KEPT * mem[at] + a.apart_halfway + b.apart_halfway
+                mem[at + 1] = MISFIT_KEPT * mem[at + 1] + a.apart_late + b.apart_late
             if is_measured(par):
                 balance = mem[model.WORK] - mem[model.ACTUATION_WORK] + mem[model.SPRING_ENERGY]
                 control_gain(mem, balance, abs(a.work) + abs(b.work))
@@ -152,6 +169,7 @@ class Interval(NamedTuple):
 
     work: J. jump: whether it has jumped. force, torque: the mean wrench about the mass centre that
     its change of velocity needed, N and N.m. size: of force and momentum rates, N, for rounding.
+    apart_halfway, apart_late: squared differences from an exact and from a semi-implicit motion.
     """
 
     work: float
@@ -159,11 +177,13 @@ class Interval(NamedTuple):
     force: Vector
     torque: Vector
     size: float
+    apart_halfway: float
+    apart_late: float
 
 
 @inline_function
 def _measure_latency(
-    mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int
+    par: Array, mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int
 ) -> None:
     """Add the interval to the estimate of the latency."""
     if a.jump or b.jump:
@@ -172,7 +192,16 @@ def _measure_latency(
     resolution = body_a.inverse_mass * a.size * a.size + body_b.inverse_mass * b.size * b.size
     needed = (a.force, a.torque, b.force, b.torque)
     weights = (*_weights(body_a), *_weights(body_b))
-    if is_lock_step(mem, needed, periods, weights, resolution):
+    at_once = acts_at_once(mem, needed, periods, weights, resolution)
+    if at_once and is_lock_step(mem):
+        mem[model.STALLED] = 0.0
+        forget(mem, needed, periods)
+        return
+    if find_stall(par, mem, needed, periods, weights, resolution):
+        keep_needed(mem, needed, periods)
+        update_gain(mem)
+        return
+    if not at_once and is_tolerated(mem):
         forget(mem, needed, periods)
         return
     begin_interval(mem)
@@ -181,15 +210,20 @@ def _measure_latency(
         if body.free:
             add_interval(mem, 6 * k, seen.force, periods, weights[2 * k])
             add_interval(mem, 6 * k + 3, seen.torque, periods, weights[2 * k + 1])
-    if mem[model.LAST_INTERVAL] == 0.0:
-        begin_estimate(mem)
-    else:
+    if mem[model.LAST_INTERVAL] > 0.0:
+        before = mem[model.MEASURED_LATENCY]
         estimate(mem, resolution)
+        if abs(mem[model.MEASURED_LATENCY] - before) > ANOTHER:
+            mem[model.AGREED] = 0.0
+    elif mem[model.FIT_CHANGE] == 0.0:
+        begin_estimate(mem)
     mem[model.LAST_INTERVAL] = periods
 
 
 @inline_function
-def _probe(mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int) -> None:
+def _probe(
+    par: Array, mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int
+) -> None:
     """Measure the latency beside a declared one, on which it has no effect.
 
     The first samples of a probe store the wrenches that are sent.
@@ -197,7 +231,7 @@ def _probe(mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, per
     mem[model.LATENCY_PROBE] -= 1.0
     if mem[model.LATENCY_PROBE] < PROBED_SAMPLES:
         held = mem[model.STICK_SAMPLES]
-        _measure_latency(mem, body_a, body_b, a, b, periods)
+        _measure_latency(par, mem, body_a, body_b, a, b, periods)
         mem[model.STICK_SAMPLES] = held
 
 
@@ -245,6 +279,8 @@ def _replay(
         if share == 0.0:
             continue
         acted = _sent_at(mem, whole + 1 - i % 2, periods - 1 - i // 2) + 6 * k
+        if is_stalled(mem):
+            acted = model.STALLED_WRENCH + 6 * k
         force, torque = model.vector(mem, acted), model.vector(mem, acted + 3)
         advance_body(par, body, state, at, force, torque, state, layout.A_LOAD + 6 * k, share * dt)
         last, m = m, motion_of(body, state, at)
@@ -257,7 +293,8 @@ def _replay(
     check_twist(mem, k, moved, first.velocity, measured.velocity, h)
     apart, late_by = sub(measured.com, m.com), sub(moved, expected)
     halfway = add_scaled(late_by, 0.5 * h, sub(measured.velocity, first.velocity))
-    least = min(dot(apart, apart), dot(late_by, late_by), dot(halfway, halfway))
+    apart_late, apart_halfway = dot(late_by, late_by), dot(halfway, halfway)
+    least = min(dot(apart, apart), apart_late, apart_halfway)
     faster = sub(measured.velocity, m.velocity)
     axes = matrix(measured.orientation)
     spun = out_of(axes, times(body.inertia, into(axes, sub(measured.spin, m.spin))))
@@ -265,7 +302,7 @@ def _replay(
     if not jump:
         work += dot(mean, apart) + dot(turn, sub(measured.spin, m.spin))
     if not body.free:
-        return Interval(work, jump, mean, torques, 0.0)
+        return Interval(work, jump, mean, torques, 0.0, apart_halfway, apart_late)
     force, torque = add_scaled(mean, body.mass / h, faster), add_scaled(torques, 1.0 / h, spun)
     size = RESOLUTION * (norm(force) + body.mass / h * norm(measured.velocity))
-    return Interval(work, jump, force, torque, size)
+    return Interval(work, jump, force, torque, size, apart_halfway, apart_late)

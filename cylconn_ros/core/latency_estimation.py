@@ -80,13 +80,22 @@ def _filtered(mem: Array, at: int, change: Vector) -> Vector:
     return y
 
 
-@device_function
-def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) -> None:
-    """Keep only the wrenches of the last interval, of n periods: wrenches act with their sample."""
+@inline_function
+def keep_needed(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) -> None:
+    """Store the wrenches of an interval of n periods, from which the next one's changes count."""
     for k in range(4):
         model.write_vector(mem, model.LAST_NEEDED + 3 * k, needed[k])
     mem[model.LAST_INTERVAL] = n
+
+
+@device_function
+def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) -> None:
+    """Keep only the wrenches of the last interval, of n periods: wrenches act with their sample."""
+    keep_needed(mem, needed, n)
     if mem[model.FIT_CHANGE] == 0.0 and mem[model.DELAYED] == 0.0:
+        if mem[model.FEEDBACK_GAIN] != 0.0:  # after a stall
+            gain = mem[model.FEEDBACK_GAIN] + RECOVERY
+            mem[model.FEEDBACK_GAIN] = gain if gain < 1.0 else 0.0
         return
     mem[model.DELAYED], mem[model.LATENCY_SPREAD] = 0.0, 0.0
     mem[model.FEEDBACK_GAIN], mem[model.GAIN_REDUCTION] = 0.0, 0.0
@@ -99,14 +108,14 @@ def forget(mem: Array, needed: tuple[Vector, Vector, Vector, Vector], n: int) ->
 
 
 @device_function
-def is_lock_step(
+def acts_at_once(
     mem: Array,
     needed: tuple[Vector, Vector, Vector, Vector],
     n: int,
     weights: tuple[float, float, float, float],
     resolution: float,
 ) -> bool:
-    """Whether wrenches act with their sample, as far as the intervals tell up to this one.
+    """Whether the wrenches of the interval acted with their sample, within rounding.
 
     ``needed``: force and torque on A, on B, that the interval of n periods needed; ``weights`` of
     their squares. ``resolution``: sum of squares that is rounding.
@@ -119,11 +128,22 @@ def is_lock_step(
         missed += weights[k] * dot(off, off)
         acted += weights[k] * dot(sent, sent)
         change += weights[k] * dot(by, by)
-    evidence, rounding = mem[model.LOCK_STEP], EXACT * EXACT * acted + resolution
-    if missed <= rounding:
-        if change > 100.0 * rounding:
-            mem[model.LOCK_STEP] = min(evidence + 1.0, RETURN)
-        return mem[model.DELAYED] == 0.0 or mem[model.LOCK_STEP] >= RETURN
+    rounding = EXACT * EXACT * acted + resolution
+    if missed <= rounding and change > 100.0 * rounding:
+        mem[model.LOCK_STEP] = min(mem[model.LOCK_STEP] + 1.0, RETURN)
+    return missed <= rounding
+
+
+@inline_function
+def is_lock_step(mem: Array) -> bool:
+    """Whether the loop is in lock step, after an interval whose wrenches acted at once."""
+    return mem[model.DELAYED] == 0.0 or mem[model.LOCK_STEP] >= RETURN
+
+
+@inline_function
+def is_tolerated(mem: Array) -> bool:
+    """Whether the evidence of lock step outweighs an interval whose wrenches acted late."""
+    evidence = mem[model.LOCK_STEP]
     tolerated = mem[model.DELAYED] == 0.0 and evidence >= DISAGREEMENT
     mem[model.LOCK_STEP] = evidence - DISAGREEMENT if tolerated else 0.0
     return tolerated
@@ -259,7 +279,7 @@ def estimate(mem: Array, resolution: float) -> None:
     whole = MIXED * min(max(0.5 * mem[model.MEASURED_LATENCY] - 1.0, 0.0), 1.0)
     mem[model.SPREAD_SUMS] += weight * (along * along + whole * max(rest, 0.0) * across)
     mem[model.SPREAD_SUMS + 1] += weight * across * across
-    _update_gain(mem)
+    update_gain(mem)
 
 
 @inline_function
@@ -267,8 +287,8 @@ def _gain(mem: Array) -> float:
     return mem[model.FEEDBACK_GAIN] if mem[model.FEEDBACK_GAIN] > 0.0 else 1.0
 
 
-@inline_function
-def _update_gain(mem: Array) -> None:
+@device_function
+def update_gain(mem: Array) -> None:
     """Spread and gain from the sums."""
     spread, weight = 0.0, mem[model.SPREAD_SUMS + 1]
     if weight > 0.0 and mem[model.DELAYED] != 0.0:

@@ -135,7 +135,13 @@ PENDING_FRICTION: Final = PENDING_RESTITUTION + 2  # 2 x 7: whether the friction
 #                             rates at the impact, friction before and after it (free_axes/
 #                             impact_friction.py), 2 each
 DRIVE_POSITION: Final = PENDING_FRICTION + 14  # 2: method penalty, position that a drive holds
-NMEM: Final = DRIVE_POSITION + 2
+STALLED: Final = DRIVE_POSITION + 2  # intervals through which a wrench has been held
+STALLED_WRENCH: Final = STALLED + 1  # 12: that wrench, as at SENT_WRENCHES
+AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
+UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent wrenches
+USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last intervals
+LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
+NMEM: Final = LATENCIES + 1
 
 
 class Output(NamedTuple):

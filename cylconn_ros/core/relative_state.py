@@ -210,7 +210,7 @@ def _check_motion(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> boo
     Positions change by h (v + v+)/2 (exact plant) or h v+ (semi-implicit plant). Returns True if
     the measured integration is not the one that ``plant_integration`` states: a target for the
     wrong one leaves disturbances undamped. If neither fits, the body has jumped. With delayed
-    wrenches core/latency.py detects jumps, checks the twists and adds the work.
+    wrenches core/latency.py does all of this.
     """
     at, prompt = model.INTEGRATION_MISFIT, not is_delayed(par, mem)
     exact, other, jump = 0.9 * mem[at], 0.9 * mem[at + 1], False
@@ -234,7 +234,10 @@ def _check_motion(par: Array, mem: Array, a: Motion, b: Motion, h: float) -> boo
             add_work(mem, by_force + dot(model.vector(mem, last + 3), turning))
     if prompt:
         mem[model.JUMPED] = 1.0 if jump else 0.0
-    mem[at], mem[at + 1] = exact, other
+    if prompt:
+        mem[at], mem[at + 1] = exact, other
+    else:
+        exact, other = mem[at], mem[at + 1]
     if model.output(par).semi_implicit:
         exact, other = other, exact
     return exact > LEAST_MISFIT and other < 1e-2 * exact

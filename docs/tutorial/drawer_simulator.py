@@ -16,7 +16,8 @@ class Drawer(Node):
         super().__init__("drawer_simulator")
         self.x, self.q = np.array([0.1, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])
         self.v, self.w, self.t = np.zeros(3), np.zeros(3), 0.0
-        self.force, self.torque = None, np.zeros(3)  # at rest until the first wrench arrives
+        self.force, self.torque, self.age = None, np.zeros(3), 0  # at rest until one arrives
+        self.stamp = self.get_clock().now().to_msg()
         self.pose = self.create_publisher(PoseStamped, "drawer/pose", 10)
         self.twist = self.create_publisher(TwistStamped, "drawer/twist", 10)
         self.create_subscription(WrenchStamped, "drawer/external_wrench", self.on_wrench, 10)
@@ -32,12 +33,16 @@ class Drawer(Node):
         """Take the newest wrench: body axes, turned into the world's once."""
         f, t = message.wrench.force, message.wrench.torque
         self.force = self.rotation() @ (f.x, f.y, f.z)
-        self.torque = self.rotation() @ (t.x, t.y, t.z)
+        self.torque, self.age = self.rotation() @ (t.x, t.y, t.z), 0
 
     def step(self) -> None:
-        """Publish the state, then integrate one period under wrench, gravity and a hand's push."""
+        """Move by a period unless wrenches fail to come; publish the state at its time."""
+        self.age += 1
+        if self.force is not None and self.age <= 5:  # else stand still until one comes
+            self.move()
+            self.stamp = self.get_clock().now().to_msg()
         pose, twist = PoseStamped(), TwistStamped()
-        pose.header.stamp = twist.header.stamp = self.get_clock().now().to_msg()
+        pose.header.stamp = twist.header.stamp = self.stamp
         pose.header.frame_id = twist.header.frame_id = "world"
         p, o = pose.pose.position, pose.pose.orientation
         (p.x, p.y, p.z), (o.x, o.y, o.z, o.w) = self.x.tolist(), self.q.tolist()
@@ -46,8 +51,9 @@ class Drawer(Node):
         (angular.x, angular.y, angular.z) = self.w.tolist()
         self.pose.publish(pose)
         self.twist.publish(twist)
-        if self.force is None:
-            return
+
+    def move(self) -> None:
+        """Integrate one period under wrench, gravity and a hand's push."""
         push = np.array([8.0 * np.sin(1.5 * self.t), 0.0, 0.0])  # pulled out and pushed in
         axes = self.rotation()
         self.v += DT * ((self.force + push) / MASS + GRAVITY)

@@ -13,6 +13,7 @@ import numpy as np
 from cylconn_ros.bench.common.results import Findings, Measurement, Target
 from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.faults import free_running, sweep
+from cylconn_ros.bench.faults.free_running import Motion
 from cylconn_ros.bench.faults.sweep import Cell, Outcome
 from cylconn_ros.process.child import Child, module_command
 from cylconn_ros.reference.library import LIBRARY
@@ -37,12 +38,13 @@ def measure(
     names = QUICK_SCENES if settings.quick else sorted(LIBRARY)
     faults = [f for f in sweep.cases() if not settings.quick or f.name in _QUICK_FAULTS]
     found.add(_of_cells(dict(sweep.run(names, faults, settings.load, progress))))
-    found.add(_of_free_running(names, settings))
+    found.add(free_running_matrix(settings))
     return found
 
 
-def _of_free_running(names: list[str], settings: Settings) -> Findings:
-    """The free-running plant: which runs did not survive, and the worst of each lag and kind."""
+def free_running_matrix(settings: Settings, progress: sweep.Progress | None = None) -> Findings:
+    """The free-running plant: which runs did not survive, by rate, lag, kind and integration."""
+    names = QUICK_SCENES if settings.quick else [*sorted(LIBRARY), *free_running.TUMBLING]
     rates, lags, kinds, integrations = (
         ((500.0,), (0.3, 2.5), ("constant", "jitter"), ("exact",))
         if settings.quick
@@ -50,37 +52,56 @@ def _of_free_running(names: list[str], settings: Settings) -> Findings:
             free_running.RATES, free_running.LAGS, free_running.KINDS, free_running.INTEGRATIONS,
         )
     )  # fmt: skip
-    groups: dict[tuple[float, float, str], list[tuple[float, float, bool]]] = {}
-    failed, runs = [], 0
+    total = len(names) * len(rates) * len(lags) * len(kinds) * len(integrations)
+    found = Findings()
+    groups: dict[tuple[float, str, float, str], list[tuple[Motion, bool]]] = {}
+    failed: Counter[str] = Counter()
     cells = free_running.sweep(names, rates, lags, kinds, integrations, settings.load)
     for (name, rate, integration, lag), motion, failures in cells:
-        runs += 1
-        group = groups.setdefault((rate, lag.periods, lag.kind), [])
-        group.append((motion.offset, motion.angle, not failures))
-        if failures:
-            reasons = " and ".join(failures)
-            failed.append(
-                f"{name} at {rate:g} Hz, {integration}, {lag.periods:g} {lag.kind}: {reasons}"
+        if progress is not None:
+            progress(len(found.measurements), total)
+        groups.setdefault((rate, integration, lag.periods, lag.kind), []).append(
+            (motion, not failures)
+        )
+        failed.update(failures)
+        found.measurements.append(
+            Measurement(
+                f"{FREE_RUNNING}, one by one", f"{name}: {lag.periods:g} {lag.kind}", "survived",
+                float(not failures), "1", note=" and ".join(failures),
+                settings={"rate": rate, "integration": integration, "offset": motion.offset,
+                          "angle": motion.angle, "force": motion.force, "gained": motion.gained,
+                          "latency": motion.latency},
             )
-    found = Findings()
-    note = f"of {runs} runs" + (": " + "; ".join(failed) if failed else "")
-    found.targets.append(Target("free running: not survived", len(failed), 0.0, "", note))
-    for (rate, periods, kind), group in groups.items():
-        values = {
-            "runs": (len(group), ""),
-            "survived": (sum(fine for _, _, fine in group), ""),
-            "offset": (float(np.median([offset for offset, _, _ in group])), "m"),
-            "greatest offset": (max(offset for offset, _, _ in group), "m"),
-            "angle": (max(angle for _, angle, _ in group), "rad"),
-        }
-        for quantity, (value, unit) in values.items():
-            found.measurements.append(
-                Measurement(
-                    FREE_RUNNING, f"{periods:g} {kind}", quantity, float(value), unit,
-                    settings={"rate": rate},
-                )
-            )  # fmt: skip
+        )  # fmt: skip
+    runs = sum(len(group) for group in groups.values())
+    missed = sum(not fine for group in groups.values() for _, fine in group)
+    reasons = ", ".join(f"{reason} {n}" for reason, n in failed.most_common())
+    note = f"of {runs} runs" + (f"; by criterion: {reasons}" if reasons else "")
+    found.targets.append(Target("free running: not survived", missed, 0.0, "", note))
+    for (rate, integration, periods, kind), group in groups.items():
+        found.measurements += _free_running_cell(rate, integration, f"{periods:g} {kind}", group)
     return found
+
+
+def _free_running_cell(
+    rate: float, integration: str, lag: str, group: Sequence[tuple[Motion, bool]]
+) -> Iterator[Measurement]:
+    """Runs that survived, and the offset and angle reached, of a rate, an integration and a lag."""
+    offsets = [motion.offset for motion, _ in group]
+    values = {
+        "runs": (len(group), ""),
+        "survived": (sum(fine for _, fine in group), ""),
+        "offset": (float(np.median(offsets)), "m"),
+        "nine tenths": (float(np.quantile(offsets, 0.9, method="inverted_cdf")), "m"),
+        "greatest offset": (max(offsets), "m"),
+        "angle": (max(motion.angle for motion, _ in group), "rad"),
+    }
+    for quantity, (value, unit) in values.items():
+        yield Measurement(
+            FREE_RUNNING, lag, quantity, float(value), unit,
+            settings={"rate": rate, "integration": integration},
+            note="" if math.isfinite(value) else "not finite",
+        )  # fmt: skip
 
 
 def run_fault_cases(quick: bool, environment: Mapping[str, str]) -> Iterator[dict[str, Any]]:

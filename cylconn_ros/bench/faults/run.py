@@ -49,6 +49,9 @@ def cases(folder: Path, quick: bool) -> Iterator[FaultCase]:
                 yield with_invariants(late_wrenches(simulator, samples, steps), simulator)
     with _connected(folder, sleeve(**_MISALIGNED)) as simulator:
         yield with_invariants(misaligned(simulator, 1500), simulator)
+    for scene, lag in processes.free_running_cells(quick):
+        with _connected(folder, scene) as simulator:
+            yield with_invariants(processes.free_run(simulator, lag), simulator)
     samples = lock_step.QUICK if quick else lock_step.SAMPLES
     of_processes = (
         lock_step.cases(folder, samples),

@@ -50,23 +50,55 @@ def library(found: Findings) -> str:
 
 
 def free_running(found: Findings) -> str:
-    """One row per rate, lag and kind: runs that survived, and the offset reached."""
-    values: dict[tuple[float, str], dict[str, tuple[float, str]]] = {}
+    """One row per rate, lag and kind: runs that survived on either plant, and what they reached."""
+    values: dict[tuple[float, str], dict[str, dict[str, tuple[float, str]]]] = {}
     for m in found.measurements:
         if m.case == measure.FREE_RUNNING:
             row = values.setdefault((float(m.settings["rate"]), m.subject), {})
-            row[m.quantity] = (m.value, m.unit)
-    head = ("rate", "lag in samples", "survived", "median offset", "greatest", "greatest angle")
-    rows = [
-        (
-            f"{rate:g} Hz",
-            lag,
-            f"{row['survived'][0]:.0f} of {row['runs'][0]:.0f}",
-            *(_milli(*row[name]) for name in ("offset", "greatest offset", "angle")),
-        )
-        for (rate, lag), row in values.items()
-    ]
+            row.setdefault(str(m.settings["integration"]), {})[m.quantity] = (m.value, m.unit)
+    integrations = list(dict.fromkeys(name for row in values.values() for name in row))
+    head = ["rate", "lag in samples"]
+    for name in integrations:
+        head += [f"{name}: survived", "median offset", "90 %", "greatest", "greatest angle"]
+    rows = []
+    for (rate, lag), row in values.items():
+        cells = [f"{rate:g} Hz", lag]
+        for name in integrations:
+            got = row[name]
+            cells.append(f"{got['survived'][0]:.0f} of {got['runs'][0]:.0f}")
+            of = ("offset", "nine tenths", "greatest offset", "angle")
+            cells += [_milli(*got[quantity]) for quantity in of]
+        rows.append(cells)
     return table(head, rows)
+
+
+def matrix(found: Findings) -> str:
+    """Runs that survived by rate and lag, of all kinds of lag, exact and semi-implicit plant."""
+    counts: dict[tuple[float, str], dict[str, list[float]]] = {}
+    for m in found.measurements:
+        if m.case == measure.FREE_RUNNING and m.quantity in ("survived", "runs"):
+            lag = m.subject.split()[0]
+            for column in (lag, "all"):
+                of = counts.setdefault((float(m.settings["rate"]), column), {})
+                pair = of.setdefault(str(m.settings["integration"]), [0.0, 0.0])
+                pair[m.quantity == "runs"] += m.value
+    columns = list(dict.fromkeys(column for _, column in counts))
+    columns.append(columns.pop(columns.index("all"))) if columns else None
+    rows = [
+        [f"{rate:g} Hz"]
+        + [
+            " / ".join(f"{fine:.0f}" for fine, _ in of.values())
+            + f" of {max(runs for _, runs in of.values()):.0f}"
+            for of in (counts[rate, column] for column in columns)
+        ]
+        for rate in dict.fromkeys(rate for rate, _ in counts)
+    ]
+    return table(["rate", *columns], rows)
+
+
+def both(found: Findings) -> str:
+    """The free-running plant: summary and every cell."""
+    return f"{matrix(found)}\n\n{free_running(found)}"
 
 
 def _cells(cells: dict[tuple[str, str], tuple[float, str]]) -> list[str]:
