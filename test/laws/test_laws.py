@@ -47,7 +47,9 @@ def test_outputs_are_the_roots_that_the_rule_selects(
     for part in sampled[:3]:
         found.add(selection.check(part.block), part.number, part.chain, part.index)
     assert found.locations == []
-    assert found.checked > 0.75 * found.samples
+    assert (
+        found.checked > 0.7 * found.samples
+    )  # not: the steps of impacts, which have their own law
     assert found.several > 40
     assert found.impacts > 10  # at which the stop acts
     assert found.ambiguous < 0.01 * found.samples

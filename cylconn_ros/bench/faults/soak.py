@@ -56,7 +56,8 @@ def drive(simulator: Simulator, connector: Child, samples: int) -> dict[str, Any
             bodies.state[:], stamp = bodies.start, 0
         if at % _LOAD_INTERVAL == 0:
             bodies.loads[6:] = load(at * simulator.scene.period)
-            simulator.publish("body_b/load", writer.write(stamp, bodies.loads[6:]))
+        # with each sample: one that is sent with few of them may arrive after its sample's wrench
+        simulator.publish("body_b/load", writer.write(stamp, bodies.loads[6:]))
         simulator.send(simulator.sample(stamp, bodies.state))
         has_response = functools.partial(simulator.has_response, stamp)
         unanswered += not simulator.spin_until(has_response, _TIMEOUT)
