@@ -85,7 +85,10 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
     periods = 1
     if mem[model.HAS_REFERENCE] != 0.0 and mem[model.LAST_PERIOD] > 0.0:
+        stamped = mem[model.LAST_PERIOD]
         mem[model.LAST_PERIOD] = interval_by_motion(par, mem, sample, body_a, body_b, h)
+        if mem[model.LAST_PERIOD] != stamped:
+            _note_stamps(mem, sample, body_a, body_b, stamped)
         periods = min(max(int(mem[model.LAST_PERIOD] / h + 0.5), 1), MAX_LATENCY + 1)
     for _ in range(periods - 1):  # samples were lost: the last wrench was held
         for k in range(_KEPT - 1, -1, -1):
@@ -120,6 +123,17 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
             advance_body(
                 par, body, current, pose, force, torque, current, layout.A_LOAD + 6 * k, dt
             )
+
+
+@device_function
+def _note_stamps(mem: Array, sample: Array, body_a: Body, body_b: Body, stamped: float) -> None:
+    """Note that the motion contradicts the interval of the stamps, for the diagnostics."""
+    before = mem[model.LAST_SAMPLE : model.LAST_SAMPLE + layout.NSAMPLE]
+    for k in range(2):
+        body, at = (body_a, layout.A_POSE) if k == 0 else (body_b, layout.B_POSE)
+        if body.free:
+            m, now = motion_of(body, before, at), motion_of(body, sample, at)
+            check_twist(mem, k, sub(now.com, m.com), m.velocity, now.velocity, stamped)
 
 
 @inline_function

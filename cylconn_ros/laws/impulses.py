@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from cylconn_ros.laws import rigid
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows, Table
 from cylconn_ros.laws.reduced import WORST_CONDITION, problem_of
-from cylconn_ros.laws.roots import select_solution
+from cylconn_ros.laws.roots import contact_at, select_solution
 from cylconn_ros.laws.sample_state import SampleState
 from cylconn_ros.laws.step import Step
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-12  # of the impulse: a normal impulse that is none
 
 
 @dataclasses.dataclass
@@ -78,7 +79,9 @@ def impulses(
         held=held,
     )
     phi, undecided = np.zeros((n, 2)), np.asarray(q.condition >= WORST_CONDITION)
-    rows = np.flatnonzero(p.on & np.isinf(p.cap) & ~undecided)
+    # an impulse along the axis through the mass centres does not press: without friction, FN = 0
+    presses = contact_at(q, phi) > ROUNDING * np.abs(x).max(axis=1)
+    rows = np.flatnonzero(p.on & np.isinf(p.cap) & presses & ~undecided)
     if len(rows):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             found = select_solution(q.take(rows), tables)

@@ -160,10 +160,10 @@ kinematics.aligned = lambda swing: True
 """,
         "constraint",
     ),
-    "restitution that gains energy": (
+    "less restitution than gains no energy": (
         """
 def wrong(par, r, rates, k, side, eps, fixed):
-    return impulses(par, r, rates, k, side, eps, fixed)._replace(restitution=eps)
+    return impulses(par, r, rates, k, side, 0.9 * eps, fixed)
 contacts.impulses = wrong
 """,
         "roots",

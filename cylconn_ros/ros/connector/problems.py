@@ -35,6 +35,7 @@ _INTEGRATES = {"exact": "exactly", "semi_implicit": "semi-implicitly"}
 _ALIGNED = 10.0  # deg between two motions, below which their lengths differ, not their axes
 _WHOLE, _STEADY = 0.15, 0.25  # samples: of a latency from a whole number, and its spread
 _EVEN = 0.01  # of the period: differences of stamps within it are even
+_UNEVEN_STAMPS = "uneven stamps"
 _EXPLAINED = 0.25  # relative difference of motions that uneven stamps explain
 _UNKNOWN = "unknown"
 TIMEOUT = "timeout"  # key of the problem that the watchdog logs itself, each time
@@ -175,8 +176,11 @@ def solution_problems(
             "check the twist, or use a shorter period"
         )
         yield Problem(WARN, "turns", text)
-    if flags & layout.TWIST_CONTRADICTS:
-        yield from _contradictions(connector, uneven)
+    contradicts = bool(flags & layout.TWIST_CONTRADICTS)
+    if contradicts or uneven:  # stamps that the motion replaces contradict no twist
+        for problem in _contradictions(connector, uneven):
+            if contradicts or problem.key == _UNEVEN_STAMPS:
+                yield problem
     if flags & layout.MISALIGNED:
         text = (
             "correcting constraint drift: too large for one step (worst: "
@@ -319,7 +323,7 @@ def _contradictions(connector: Connector, uneven: bool) -> Iterator[Problem]:
         topic = _topic(scene, body, "twist")
         by_stamps = abs(stretch - 1.0) > _EVEN and abs(ratio / stretch - 1.0) < _EXPLAINED
         if by_stamps and apart <= _ALIGNED:
-            yield Problem(WARN, "uneven stamps", _uneven_text(scene, interval))
+            yield Problem(WARN, _UNEVEN_STAMPS, _uneven_text(scene, interval))
             continue
         text = (
             f"{topic} does not match the pose differences (ratio {ratio:.1f}, expected 1.0"
