@@ -140,10 +140,11 @@ def _is_held(b: Bounds) -> bool:
 def solve_impact(
     par: Array, rates: Two, sp: StepWithSprings, k: int, b1: Bounds, b2: Bounds, c: ImpactFriction
 ) -> tuple[FreeAxesSolution, tuple[int, int], bool]:
-    """The step of an impact of component k with its friction: the solution, sides, and whether it holds.
+    """The step of an impact of component k with its friction.
 
-    It does not where the stop would have to pull or the other component is at a stop as well.
-    """  # noqa: E501
+    Returns the solution, the side of each component, and whether it holds: not where the stop would
+    have to pull, or where the other component is at a stop as well.
+    """
     s11, s12, s22 = sp.s
     b, other = (b1, b2) if k == 0 else (b2, b1)
     side = b.impact
