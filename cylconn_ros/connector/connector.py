@@ -16,7 +16,9 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import COMPILED, close_signatures
 from cylconn_ros.core.latency import PROBE, PROBED_SAMPLES
 from cylconn_ros.errors import SceneError
+from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.dispatch import STEPS
+from cylconn_ros.methods.passivity_controller import section
 from cylconn_ros.methods.traits import LIVE, TRAITS
 from cylconn_ros.scene.packing import choose_method, pack
 from cylconn_ros.scene.scene import Scene
@@ -138,6 +140,15 @@ class Connector:
             check_drive(self.method, f"{component}.max_force", most, position)
         check_within_stops(self.scene.stops, component, f"position of {component}", position)
 
+    def correct_load(self, body: int, load: Sequence[float]) -> None:
+        """Take up a load of the last sample, which has been processed without it.
+
+        The motion since that sample is then explained by the load, not by a latency or a reaction.
+        ``body``: 0 for A, 1 for B; ``load``: (6,) force and torque about its origin, world axes.
+        """
+        for at in (model.LAST_SAMPLE + layout.A_LOAD, model.LAST_LOADS):
+            self._mem[at + 6 * body : at + 6 * body + 6] = load
+
     @property
     def _handle(self) -> Any:
         """Handle of the step function; compiles it at the first use."""
@@ -197,6 +208,12 @@ class Connector:
             self._mem[model.DELAYED : model.LEAST_BALANCE] = 0.0
             stored = self.scene.latency > 0  # the sent wrenches
             self._mem[model.LATENCY_PROBE] = PROBED_SAMPLES if stored else PROBE
+
+    @property
+    def gain_shares(self) -> tuple[float, float]:
+        """Least shares of stiffness and damping of the penalty methods in use (GAINS_LOWERED)."""
+        shares = [passivity_controller.shares(self._mem, section(k)) for k in range(4)]
+        return min(share[0] for share in shares), min(share[1] for share in shares)
 
     @property
     def latency_spread(self) -> float:

@@ -12,12 +12,17 @@ _KEPT = (
     "constraint: simulator: only what acts on slide and spin is sent, as an opposite pair; "
     "reactions are computed for the normal force and not sent"
 )
+_COUPLED = (
+    "shares a body with other connectors: solved with them; the latency is not measured, and taken "
+    "as 0 (lock step)"
+)
 
 
-def describe_model(scene: Scene, method: str) -> tuple[str, str]:
+def describe_model(scene: Scene, method: str, coupled: bool = False) -> tuple[str, str]:
     """What is modelled, and what is not: two lines for logs, recordings and the terminal.
 
-    ``method`` is the method in use; the scene's may be ``auto``.
+    ``method`` is the method in use; the scene's may be ``auto``. ``coupled``: whether the connector
+    is solved with others that share its bodies.
     """
     automatic = " (auto)" if scene.method == "auto" else ""
     modelled = [f"method {method}{automatic}: {TRAITS[method].summary}"]
@@ -26,7 +31,7 @@ def describe_model(scene: Scene, method: str) -> tuple[str, str]:
         modelled.append(_KEPT)
         absent.append("slot and revolute (the simulator's joint keeps them)")
     if scene.latency != 0 and TRAITS[method].sends_wrench:
-        modelled.append(_latency(scene))
+        modelled.append(_COUPLED if coupled else _latency(scene))
     for name, body in (("A", scene.body_a), ("B", scene.body_b)):
         modelled.append(f"body {name} {body.kind}")
         if body.kind in ("fixed", "driven"):

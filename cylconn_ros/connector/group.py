@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.description import describe_model
 from cylconn_ros.core import layout, model
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.coupled import step as coupled
@@ -49,6 +50,9 @@ class Group:
         if n > 1:
             for connector in self.connectors:  # without delay compensation
                 connector.par[model.LATENCY] = 0.0
+                connector.model, connector.not_modelled = describe_model(
+                    connector.scene, connector.method, coupled=True
+                )
         longest = max(len(connector.par) for connector in self.connectors)
         self._par, self._mem = np.zeros((n, longest)), np.zeros((n, model.NMEM))
         for connector, par, mem in zip(self.connectors, self._par, self._mem, strict=True):

@@ -181,12 +181,14 @@ class LoadHistory:
         load: Sequence[float],
         last: int | None,
         counts: Counts,
-    ) -> None:
+    ) -> bool:
         """Take a load (6: force, torque) on a body, and count it if it is not in time.
 
         ``stamp``: ns, 0 for a load that acts from the next sample on. ``axes``: IN_WORLD or
-        IN_BODY. ``last``: stamp of the last sample in ns, or None.
+        IN_BODY. ``last``: stamp of the last sample in ns, or None. Returns whether the load is that
+        of the last sample, which has been processed without it.
         """
+        late = False
         state = self.state
         in_force, tolerance = int(state[IN_FORCE + body]), int(state[TOLERANCE])
         if stamp == 0 and last is None:
@@ -194,7 +196,8 @@ class LoadHistory:
         elif stamp == 0 and last != 0:
             stamp = last or 0
         elif last is not None:
-            if abs(stamp - last) <= tolerance < stamp - in_force:
+            late = abs(stamp - last) <= tolerance < stamp - in_force
+            if late:
                 counts.late_loads, counts.load_body = counts.late_loads + 1, body
                 note_own_load(body, state)
             elif stamp < in_force:
@@ -203,6 +206,7 @@ class LoadHistory:
                 counts.early_loads, counts.load_body = counts.early_loads + 1, body
                 counts.load_lead = stamp - last
         counts.unused_loads += self._add(body, stamp, axes, load)
+        return late
 
     def _add(self, body: int, stamp: int, axes: int, load: Sequence[float]) -> int:
         """Add a load; returns the number of loads dropped for lack of room."""

@@ -87,6 +87,8 @@ class SampleMatcher:
         ALWAYS, whether loads are awaited from that sample on (connector/load_history.py).
     unknown_frame
         The last frame_id that is no frame of the scene, or None.
+    late_load
+        (6,) the load received last, world axes, if the last sample was processed without it.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -108,6 +110,7 @@ class SampleMatcher:
         self.loads = LoadHistory(self._tolerance)
         self.expects: Callable[[int, int], int] = lambda *_: NO
         self.unknown_frame: UnknownFrame | None = None
+        self.late_load: Vector | None = None
         self._pending: dict[int, _Slot] = {}
         self._ready = 0  # samples in ``_pending`` that lack nothing but a load
         self._old: dict[int, _Slot] = {}
@@ -160,14 +163,13 @@ class SampleMatcher:
     @property
     def waiting(self) -> int | None:
         """Stamp in ns of the oldest sample that lacks nothing but a load, or None."""
-        return (
-            min(
-                (s.newest for s in self._pending.values() if s.received == self.needed),
-                default=None,
-            )
-            if self._ready
-            else None
-        )
+        return self._oldest.newest if self._ready else None
+
+    @property
+    def _oldest(self) -> _Slot:
+        """The oldest sample that lacks nothing but a load; there must be one."""
+        ready = (slot for slot in self._pending.values() if slot.received == self.needed)
+        return min(ready, key=lambda slot: slot.newest)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -176,10 +178,7 @@ class SampleMatcher:
 
     @property
     def stamp_offset(self) -> int | None:
-        """Least difference in ns between the stamps of one sample, as the incomplete samples show.
-
-        None if the incomplete samples lack a quantity altogether.
-        """
+        """Least difference in ns between the stamps of one incomplete sample; None if unknown."""
         stamps = [
             [slot.stamp for slot in self._pending.values() if slot.received >> bit & 1]
             for bit in range(len(QUANTITIES))
@@ -193,8 +192,7 @@ class SampleMatcher:
     def accept(self, stamp: int) -> SynchronizedSample:
         """Count a complete sample whose numbers the caller writes to :attr:`sample`, world axes.
 
-        ``stamp`` must be newer than the last, and no sample may be incomplete
-        (:attr:`has_pending`).
+        ``stamp`` must be newer than the last, and no sample incomplete (:attr:`has_pending`).
         """
         for name in self._names:
             self.received[name] += 1
@@ -247,21 +245,21 @@ class SampleMatcher:
     def load(self, body: int, stamp: int, frame: str, load: Vector) -> SynchronizedSample | None:
         """Process an external load on a body (6: force, torque about the frame's origin).
 
-        It acts from the sample with its stamp on until the next load; a load with stamp 0 acts from
-        the next sample on. ``frame`` states its axes, as for :meth:`twist`.
+        It acts from the sample with its stamp on until the next load; with stamp 0 from the next
+        sample on. ``frame`` states its axes, as for :meth:`twist`.
         """
-        axes = IN_WORLD if self._in_world(body, "load", frame) else IN_BODY
-        self.loads.receive(body, stamp, axes, load, self._last, self.counts)
+        world = self._in_world(body, "load", frame)
+        axes = IN_WORLD if world else IN_BODY
+        late = self.loads.receive(body, stamp, axes, load, self._last, self.counts)
+        turned = load if world else into_world(self.sample[_AT[2 * body + _POSE]], load)
+        self.late_load = turned if late else None
         return self.next()
 
     def next(self) -> SynchronizedSample | None:
         """Complete the oldest sample that waits for no load; None if there is none."""
         if not self._ready:
             return None
-        slot = min(
-            (slot for slot in self._pending.values() if slot.received == self.needed),
-            key=lambda slot: slot.newest,
-        )
+        slot = self._oldest
         if self._last is None and not self._asked:
             self._asked = True
             for body in (0, 1):

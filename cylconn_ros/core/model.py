@@ -82,10 +82,9 @@ LAST_ACTUATION: Final = 65  # 2: force and moment of actuation and imposed motio
 ACTUATION_WORK: Final = 67  # work of actuation and imposed motion, J
 SPRING0: Final = 68  # spring energy at the reference, J
 MULTIPLIER: Final = 69  # 4, of the augmented Lagrangian: f2, f3, m2, m3
-PASSIVITY_CONTROLLER: Final = 73  # 2 x 18: offsets, swings (methods/passivity_controller.py)
-INTEGRATION_MISFIT: Final = 109  # 2: of positions to exact, to semi-implicit integration, m^2
-LAST_VELOCITIES: Final = 111  # of the mass centres, 2 x 3, world axes
-PREDICTED_SAMPLE: Final = 117  # the sample predicted for the time of action (core/latency.py)
+INTEGRATION_MISFIT: Final = 73  # 2: of positions to exact, to semi-implicit integration, m^2
+LAST_VELOCITIES: Final = 75  # of the mass centres, 2 x 3, world axes
+PREDICTED_SAMPLE: Final = 81  # the sample predicted for the time of action (core/latency.py)
 LAST_SAMPLE: Final = PREDICTED_SAMPLE + 38
 LAST_SAMPLE_END: Final = LAST_SAMPLE + 38
 ANGULAR_MOMENTUM: Final = LAST_SAMPLE_END  # 2 x 3, about the mass centres at the last sample
@@ -141,7 +140,9 @@ AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
 UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent wrenches
 USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last intervals
 LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
-NMEM: Final = LATENCIES + 1
+PASSIVITY_CONTROLLER: Final = LATENCIES + 1  # 4 x 20: of offsets, swings, slide, spin
+#                             (methods/passivity_controller.py)
+NMEM: Final = PASSIVITY_CONTROLLER + 80
 
 
 class Output(NamedTuple):

@@ -28,6 +28,7 @@ explains the motion, and the stamps do not.
 """
 
 import math
+from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import latency_of
@@ -56,6 +57,28 @@ EVEN = 0.01  # of the period: stamps within it are as good as the motion
 WHOLE = 0.05  # periods: of a number of steps from a whole one
 EXPLAINED = 1e-4  # of the motion, squared: it is that of so many steps
 LEAST_MOTION = 1e-9  # of a mass centre, relative to its distance from the origin plus 1 m
+
+
+Wrenches = tuple[Vector, Vector, Vector, Vector]
+"""Force and torque on A, on B."""
+Weights = tuple[float, float, float, float]
+"""Of their squares."""
+
+
+class Compared(NamedTuple):
+    """Weighted sums of squares over the forces and torques of an interval.
+
+    expected, held, absent: of what it needed beside unknown loads, less the wrench that was
+    expected to act, the one that would have been held, none. change: of expected less held. size:
+    of expected. differs: of the change since the last interval, less that of the expected wrench.
+    """
+
+    expected: float
+    held: float
+    absent: float
+    change: float
+    size: float
+    differs: float
 
 
 @device_function
@@ -127,75 +150,105 @@ def _update_usual(mem: Array, late: float) -> None:
 
 @device_function
 def find_stall(
-    par: Array,
-    mem: Array,
-    needed: tuple[Vector, Vector, Vector, Vector],
-    n: int,
-    weights: tuple[float, float, float, float],
-    resolution: float,
+    par: Array, mem: Array, needed: Wrenches, n: int, weights: Weights, resolution: float
 ) -> bool:
     """Whether this interval tells nothing of the latency, as a wrench was held through it or until.
 
-    Updates the stall in ``mem``. Arguments as of is_lock_step (core/latency_estimation.py).
+    Updates the stall in ``mem``. Arguments as of acts_at_once (core/latency_estimation.py).
     """
-    stalled, known = is_stalled(mem), mem[model.LAST_INTERVAL] > 0.0
     late = latency_of(par, mem)
     j, part = int(late), late - int(late)
     _update_usual(mem, late)
-    if n != 1 or not known or mem[model.USUAL_LATENCY] >= SOON:
+    if n != 1 or mem[model.LAST_INTERVAL] <= 0.0 or mem[model.USUAL_LATENCY] >= SOON:
         mem[model.STALLED] = 0.0
         return False
-    missed = missed_held = change = size = differs = nothing = 0.0
-    for k in range(4):
-        at = 3 * k
-        now, held = _mixed(mem, j, part, at), _at(mem, j + 1, at)
-        if stalled:
-            held = model.vector(mem, model.STALLED_WRENCH + at)
-        acted = sub(needed[k], model.vector(mem, model.UNKNOWN_LOAD + at))
-        off, off_held, by = sub(acted, now), sub(acted, held), sub(now, held)
-        missed += weights[k] * dot(off, off)
-        missed_held += weights[k] * dot(off_held, off_held)
-        change += weights[k] * dot(by, by)
-        size += weights[k] * dot(now, now)
-        nothing += weights[k] * dot(acted, acted)
-        seen = sub(needed[k], model.vector(mem, model.LAST_NEEDED + at))
-        off = sub(seen, sub(now, _mixed(mem, j + 1, part, at)))
-        differs += weights[k] * dot(off, off)
-    telling = change > LEAST_CHANGE * size + 100.0 * resolution
-    agreed = mem[model.AGREED]
-    trusted = max(agreed, mem[model.LOCK_STEP] if mem[model.DELAYED] == 0.0 else 0.0) >= AGREED
-    if trusted and nothing < CLEARLY * min(missed, missed_held):
+    stalled, trusted = is_stalled(mem), _is_trusted(mem)
+    seen = _compare(mem, needed, weights, j, part)
+    telling = seen.change > LEAST_CHANGE * seen.size + 100.0 * resolution
+    if trusted and seen.absent < CLEARLY * min(seen.expected, seen.held):
         for k in range(12):  # after a timeout, or as the simulator applies no old wrench
             mem[model.STALLED_WRENCH + k] = 0.0
         mem[model.STALLED] += 1.0
         return True
-    if telling and trusted and missed_held < HELD * missed:
-        if not stalled:
-            for k in range(4):
-                model.write_vector(mem, model.STALLED_WRENCH + 3 * k, _at(mem, j + 1, 3 * k))
-        mem[model.STALLED] += 1.0
-        gain = mem[model.FEEDBACK_GAIN] if mem[model.FEEDBACK_GAIN] > 0.0 else 1.0
-        least = max(LEAST_AFTER, 1.0 / (1.0 + AFTER * mem[model.STALLED]))
-        mem[model.FEEDBACK_GAIN] = min(gain, least)
+    if trusted and telling and seen.held < HELD * seen.expected:
+        _hold(mem, j, stalled)
         return True
     if stalled and not telling:
         return True
-    acted_at = _acted(mem, needed, weights, j, min(missed, missed_held))
-    if acted_at > j:
-        _begin_again(mem, acted_at)
-    elif acted_at >= 0:
-        _drop_overtaken(mem, acted_at, trusted)
-        mem[model.STALLED], mem[model.AGREED] = 0.0, max(agreed - 1.0, 0.0)
-    if acted_at >= 0:
+    other = _acted(mem, needed, weights, j, min(seen.expected, seen.held))
+    if other >= 0:
+        _take_other(mem, j, other, trusted)
         return True
     mem[model.STALLED] = 0.0
-    agrees = differs < AGREES * change
-    if telling and not stalled:
+    if not stalled:
+        _confirm(mem, needed, j, part, seen, telling)
+    return stalled
+
+
+@inline_function
+def _is_trusted(mem: Array) -> bool:
+    """Whether enough intervals confirmed the latency, or lock step, to call another one a stall."""
+    in_lock_step = mem[model.LOCK_STEP] if mem[model.DELAYED] == 0.0 else 0.0
+    return max(mem[model.AGREED], in_lock_step) >= AGREED
+
+
+@inline_function
+def _compare(mem: Array, needed: Wrenches, weights: Weights, j: int, part: float) -> Compared:
+    """Compare what an interval needed with the wrenches expected, j + part late, and held."""
+    stalled = is_stalled(mem)
+    expected = held = absent = change = size = differs = 0.0
+    for k in range(4):
+        at, weight = 3 * k, weights[k]
+        now, old = _mixed(mem, j, part, at), _at(mem, j + 1, at)
+        if stalled:
+            old = model.vector(mem, model.STALLED_WRENCH + at)
+        acted = sub(needed[k], model.vector(mem, model.UNKNOWN_LOAD + at))
+        off, off_old, by = sub(acted, now), sub(acted, old), sub(now, old)
+        expected += weight * dot(off, off)
+        held += weight * dot(off_old, off_old)
+        absent += weight * dot(acted, acted)
+        change += weight * dot(by, by)
+        size += weight * dot(now, now)
+        seen = sub(needed[k], model.vector(mem, model.LAST_NEEDED + at))
+        off = sub(seen, sub(now, _mixed(mem, j + 1, part, at)))
+        differs += weight * dot(off, off)
+    return Compared(expected, held, absent, change, size, differs)
+
+
+@inline_function
+def _hold(mem: Array, j: int, stalled: bool) -> None:
+    """Count an interval through which a wrench was held; correct errors more slowly after it."""
+    if not stalled:
+        for k in range(4):
+            model.write_vector(mem, model.STALLED_WRENCH + 3 * k, _at(mem, j + 1, 3 * k))
+    mem[model.STALLED] += 1.0
+    gain = mem[model.FEEDBACK_GAIN] if mem[model.FEEDBACK_GAIN] > 0.0 else 1.0
+    least = max(LEAST_AFTER, 1.0 / (1.0 + AFTER * mem[model.STALLED]))
+    mem[model.FEEDBACK_GAIN] = min(gain, least)
+
+
+@inline_function
+def _take_other(mem: Array, j: int, other: int, trusted: bool) -> None:
+    """Take up that the wrench at index ``other`` acted, not the one at j: older, or a newer one."""
+    if other > j:
+        _begin_again(mem, other)
+        return
+    _drop_overtaken(mem, other, trusted)
+    mem[model.STALLED], mem[model.AGREED] = 0.0, max(mem[model.AGREED] - 1.0, 0.0)
+
+
+@inline_function
+def _confirm(
+    mem: Array, needed: Wrenches, j: int, part: float, seen: Compared, telling: bool
+) -> None:
+    """Update the confirmations of the latency and, if it explains the interval, unknown loads."""
+    agrees, near = seen.differs < AGREES * seen.change, seen.expected < LOADED * seen.size
+    if telling:
+        agreed = mem[model.AGREED]
         mem[model.AGREED] = (
             min(agreed + 1.0, MOST_AGREED) if agrees else max(agreed - DISAGREES, 0.0)
         )
-    near = missed < LOADED * size
-    if not stalled and (agrees or (near and not telling)):
+    if agrees or (near and not telling):
         share = LOAD_SHARE if near else FAR_SHARE
         for k in range(4):
             at = 3 * k
@@ -204,14 +257,13 @@ def find_stall(
             model.write_vector(
                 mem, model.UNKNOWN_LOAD + at, add_scaled(mean, share, sub(beside, mean))
             )
-    return stalled
 
 
 @inline_function
 def _acted(
     mem: Array,
-    needed: tuple[Vector, Vector, Vector, Vector],
-    weights: tuple[float, float, float, float],
+    needed: Wrenches,
+    weights: Weights,
     late: int,
     missed: float,
 ) -> int:

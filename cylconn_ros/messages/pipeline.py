@@ -87,7 +87,7 @@ class MessagePipeline:
         Function that processes a complete sample of a connector that shares bodies with others
         (messages/coupled_pipeline.py); None for a connector that shares none.
     is_loaded
-        Whether the kernels are loaded. Only then messages may be processed.
+        Whether the kernels are loaded, which messages need.
     continues
         Whether the history of the previous pipeline continues (:meth:`restore_from`).
 
@@ -166,10 +166,7 @@ class MessagePipeline:
         return kept
 
     def reset(self) -> None:
-        """Forget the reference configuration and the history; loads and commands stay.
-
-        The next sample begins a new history.
-        """
+        """Forget the reference configuration and the history; loads and commands stay."""
         self.connector.reset(keep_in_flight=True)
         self._replay_pending()
         self.matcher.reset()
@@ -320,6 +317,8 @@ class MessagePipeline:
         message = cdr_decoder.read_input(kind, data)
         sample = self.matcher.load(body, message.stamp, message.frame, message.pair)
         self.loads.add(name, message.stamp, data, self.matcher.last_stamp)
+        if self.matcher.late_load is not None:
+            self.connector.correct_load(body, self.matcher.late_load)
         return sample
 
     def _command(self, data: bytes) -> None:

@@ -26,6 +26,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     o = measure(par, mem, sample, out)
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
+    penalty.watch_free_axes(par, mem, o)
     y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]), h)
     m2, m3, low_too = _block(par, mem, 1, par[at + 1], par[at + 3], (e[2], e[3]), (w[1], w[2]), h)
     flags = penalty.write_outputs(par, mem, out, o, (y, z, m2, m3), h)
@@ -48,7 +49,7 @@ def _block(
     """Constraint force on two components: offsets (block 0) or swings (1)."""
     to, at = (
         model.MULTIPLIER + 2 * block,
-        model.PASSIVITY_CONTROLLER + passivity_controller.SIZE * block,
+        passivity_controller.section(block),
     )
     explicit, rho = model.output(par).semi_implicit, par[model.AUGMENTED]
     alpha = feedback_gain(par, mem)

@@ -12,11 +12,13 @@ Unstable gains generate energy. Over a window of samples
 
 is the work of the constraint on the bodies beyond that of its steady force lambda0, plus the change
 of spring energy. It is not positive if the gains are passive, except for a multiplier that follows
-a changing load. If A exceeds 1 % of the energy exchanged and the peak of the spring's energy is
-four times the least peak of earlier windows, the multiplier's gain is reduced to a quarter; once
+a changing load. If A exceeds 1 % of the energy exchanged and the peak of the spring's energy has
+grown to four times the greatest one before, the multiplier's gain is reduced to a quarter; once
 that gain is small, the stiffness is halved. Friction is not part of A: its dissipation would hide
 the energy that the constraint generates. A rate that changes sign and grows from one sample to the
-next indicates c > 2 m/h. It grows by |1 - c h/m|, and both gains are set so that c h/m = 1.
+next indicates c > 2 m/h. It grows by |1 - c h/m|, and both gains are set so that c h/m = 1. Noise
+of measured rates reverses and grows too, within its usual size: only a growth to OUT_OF_NOISE times
+the greatest rate before it counts.
 """
 
 import math
@@ -31,14 +33,17 @@ Two = tuple[float, float]
 WINDOW = 64  # samples
 SHORTEST = 8  # samples, of a window that ends early because the energy grows fast
 SMALL_SHARE = 1e-3  # of the requested gain: below it the multiplier is not the cause
-GROWTH = 4.0  # of the peak energy over the least peak
+GROWTH = 4.0  # of the peak energy over the greatest before it grew
 HALF_CYCLES = 5.0  # of an oscillation that grow in a row
 HALF_CYCLE_GROWTH = 1.2  # of the square of its greatest rate
 STRONG_GROWTH = 4.0
-LEAST_RATE = 1e-3  # m/s or rad/s: smaller oscillations are harmless, or not yet known to grow
+OUT_OF_NOISE = 3.0  # greatest rate of a growth over the greatest one before it
+FADING = 0.98, 0.95  # of that one, per sample, per half cycle
+SUDDEN = 4.0  # growth of a rate at once, from LEAST_RATE on
+LEAST_RATE = 1e-3  # m/s or rad/s: smaller ones are harmless, reversed by a load, or yet to grow
 LEAST_ERROR = 1e-9  # m or rad: smaller errors are rounding
 
-# Section of MEM for one pair of components; all zero at the start.
+# Section of MEM for one pair of components (section); all zero at the start.
 MULTIPLIER_REDUCTION = 0  # -log of the factor on the multiplier's gain
 STIFFNESS_REDUCTION = 1  # -log of the factor on the stiffness
 DAMPING_REDUCTION = 2  # -log of the factor on the damping
@@ -47,7 +52,7 @@ WINDOW_EXCHANGED = 4  # J
 WINDOW_MULTIPLIER = 5  # 2: the multiplier at the window's start
 WINDOW_ENERGY = 7  # J, in the spring at the window's start
 PEAK_ENERGY = 8  # J, in the spring since
-LEAST_PEAK = 9  # J, least peak of a window since gains were lowered; 0: none
+LAST_PEAK = 9  # J, of the last window
 SAMPLES = 10  # in the window so far
 REVERSALS = 11  # in a row, each greater than the last
 FORCE = 12  # 2: of the last step
@@ -55,7 +60,9 @@ GROWN = 3  # half cycles in a row that grew, in place of the work
 DIRECTION = 12  # 2: of the rate since its last reversal, in place of the force
 ERROR = 14  # 2: of the last sample
 RATE = 16  # 2
-SIZE = 18
+USUAL_RATE = 18  # greatest of the samples before a growth, fading
+USUAL_PEAK = 19  # the same of half cycles, its square; or of windows, J
+SIZE = 20
 
 
 class Gains(NamedTuple):
@@ -65,6 +72,12 @@ class Gains(NamedTuple):
     c: float
     rho: float
     lowered: bool
+
+
+@inline_function
+def section(block: int) -> int:
+    """Start of the section of offsets (block 0), swings (1), slide (2) or spin (3)."""
+    return model.PASSIVITY_CONTROLLER + SIZE * block
 
 
 @device_function
@@ -111,7 +124,7 @@ def update(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> No
         mem[at + SAMPLES] += 1.0
         _count_reversals(mem, at, w)
         balance = mem[at + WINDOW_WORK] + stored - mem[at + WINDOW_ENERGY]
-        grown = balance > GROWTH * mem[at + LEAST_PEAK] > 0.0
+        grown = balance > GROWTH * mem[at + USUAL_PEAK] > 0.0
         samples = mem[at + SAMPLES]
         if samples >= WINDOW or (samples >= SHORTEST and grown):
             _evaluate_window(mem, at, g, balance)
@@ -134,17 +147,29 @@ def watch(mem: Array, at: int, w: Two) -> bool:
     size = w[0] * w[0] + w[1] * w[1]
     mem[at + RATE], mem[at + RATE + 1] = w
     if w[0] * mem[at + DIRECTION] + w[1] * mem[at + DIRECTION + 1] <= 0.0:
-        before, peak = mem[at + LEAST_PEAK], mem[at + PEAK_ENERGY]
+        before, peak = mem[at + LAST_PEAK], mem[at + PEAK_ENERGY]
         growing = peak > max(HALF_CYCLE_GROWTH * before, LEAST_RATE * LEAST_RATE)
         step = 2.0 if peak > STRONG_GROWTH * before else 1.0
-        mem[at + GROWN] = mem[at + GROWN] + step if growing and before > 0.0 else 0.0
-        mem[at + LEAST_PEAK], mem[at + PEAK_ENERGY] = peak, 0.0
+        if growing and before > 0.0:
+            mem[at + GROWN] += step
+        else:
+            mem[at + GROWN] = 0.0
+            mem[at + USUAL_PEAK] = max(FADING[1] * mem[at + USUAL_PEAK], before)
+        mem[at + LAST_PEAK], mem[at + PEAK_ENERGY] = peak, 0.0
         mem[at + DIRECTION], mem[at + DIRECTION + 1] = w
     mem[at + PEAK_ENERGY] = max(mem[at + PEAK_ENERGY], size)
-    if mem[at + GROWN] < HALF_CYCLES:
+    greatest = max(mem[at + LAST_PEAK], mem[at + PEAK_ENERGY])
+    if mem[at + GROWN] < HALF_CYCLES or greatest < OUT_OF_NOISE * mem[at + USUAL_PEAK]:
         return False
     mem[at + GROWN] = 0.0
     return True
+
+
+@inline_function
+def watch_reversals(mem: Array, at: int, w: Two) -> None:
+    """Lower the gains if the rate reverses and grows from one sample to the next."""
+    _count_reversals(mem, at, w)
+    mem[at + RATE], mem[at + RATE + 1] = w
 
 
 @inline_function
@@ -156,34 +181,52 @@ def lower(mem: Array, at: int) -> None:
 
 @device_function
 def _evaluate_window(mem: Array, at: int, g: Gains, balance: float) -> None:
-    """Lower a gain if the window generated energy and its peak exceeds the least one."""
-    peak, least_peak = mem[at + PEAK_ENERGY], mem[at + LEAST_PEAK]
+    """Lower a gain if the window generated energy and its peak exceeds those before it grew."""
+    peak, usual = mem[at + PEAK_ENERGY], mem[at + USUAL_PEAK]
     significant = peak > 0.5 * g.k * LEAST_ERROR * LEAST_ERROR
-    if least_peak == 0.0 or peak < least_peak:
-        mem[at + LEAST_PEAK] = peak
-    elif significant and peak > GROWTH * least_peak and balance > 0.01 * mem[at + WINDOW_EXCHANGED]:
-        mem[at + LEAST_PEAK] = peak
+    if usual == 0.0 or peak < mem[at + LAST_PEAK]:
+        mem[at + USUAL_PEAK] = max(FADING[1] * usual, peak)
+    elif significant and peak > GROWTH * usual and balance > 0.01 * mem[at + WINDOW_EXCHANGED]:
+        mem[at + USUAL_PEAK] = peak
         if math.exp(-mem[at + MULTIPLIER_REDUCTION]) > SMALL_SHARE:
             mem[at + MULTIPLIER_REDUCTION] += math.log(4.0)
         else:
             mem[at + STIFFNESS_REDUCTION] += math.log(2.0)
+    mem[at + LAST_PEAK] = peak
 
 
 @device_function
 def _count_reversals(mem: Array, at: int, w: Two) -> None:
-    """Count reversals of a growing rate; lower both gains after three, or two that double."""
+    """Count reversals of a growing rate; lower both gains after three, or two that double.
+
+    A rate that grows more than SUDDEN times at once would be out of bounds after two more samples,
+    and gains that are so much too great for one pair are so for the others: it lowers all.
+    """
     before = math.sqrt(mem[at + RATE] ** 2 + mem[at + RATE + 1] ** 2)
     now = math.sqrt(w[0] * w[0] + w[1] * w[1])
     against = w[0] * mem[at + RATE] + w[1] * mem[at + RATE + 1] < 0.0
     if not (against and now > before):
         mem[at + REVERSALS] = 0.0
+        mem[at + USUAL_RATE] = max(FADING[0] * mem[at + USUAL_RATE], before)
         return
     mem[at + REVERSALS] += 1.0
     ratio = now / before
-    if mem[at + REVERSALS] >= 3.0 or (mem[at + REVERSALS] >= 2.0 and ratio > 2.0):
-        mem[at + REVERSALS] = 0.0
-        mem[at + STIFFNESS_REDUCTION] += math.log(1.0 + ratio)
-        mem[at + DAMPING_REDUCTION] += math.log(1.0 + ratio)
+    if now <= OUT_OF_NOISE * mem[at + USUAL_RATE]:
+        return
+    if ratio > SUDDEN and before > LEAST_RATE:
+        for block in range(4):
+            _divide(mem, section(block), 1.0 + ratio)
+            mem[section(block) + RATE] = mem[section(block) + RATE + 1] = 0.0  # once per sample
+    elif mem[at + REVERSALS] >= 3.0 or (mem[at + REVERSALS] >= 2.0 and ratio > 2.0):
+        _divide(mem, at, 1.0 + ratio)
+
+
+@inline_function
+def _divide(mem: Array, at: int, factor: float) -> None:
+    """Divide stiffness and damping of a section by a factor."""
+    mem[at + REVERSALS] = 0.0
+    mem[at + STIFFNESS_REDUCTION] += math.log(factor)
+    mem[at + DAMPING_REDUCTION] += math.log(factor)
 
 
 @device_function

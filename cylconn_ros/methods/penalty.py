@@ -12,6 +12,9 @@ phi. The wrench acts in the configuration at the half of the step: held as at it
 that turns a body round points ahead of it on the mean and feeds its rotation, by (|w| h)^2 of the
 energy in each step. A semi-implicit plant takes it as at the start.
 
+With ``latency: -1`` gains that put in energy are lowered (methods/passivity_controller.py): of the
+constraint, and of stick, stops, locks and drives on slide and spin.
+
 A sampled spring is stable for k <= m/h^2 and c of the order of m/h, with m the mass of the lighter
 body. The user chooses the gains, since the connector does not know m. Restitution follows from the
 damper.
@@ -38,7 +41,7 @@ from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import add_scaled, scale, turned
 from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.drives.spring import drive_force, is_moved_from
-from cylconn_ros.methods.passivity_controller import SIZE, Two
+from cylconn_ros.methods.passivity_controller import Two
 
 
 @device_function
@@ -47,8 +50,9 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     o = measure(par, mem, sample, out)
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
+    watch_free_axes(par, mem, o)
     if adapts_gains(par):
-        first, second = model.PASSIVITY_CONTROLLER, model.PASSIVITY_CONTROLLER + SIZE
+        first, second = passivity_controller.section(0), passivity_controller.section(1)
         grows = passivity_controller.watch(mem, first, (v[1], v[2]))
         if passivity_controller.watch(mem, second, (w[1], w[2])) or grows:
             passivity_controller.lower(mem, first)
@@ -67,9 +71,36 @@ def shares(par: Array, mem: Array, block: int) -> tuple[float, float]:
     alpha = feedback_gain(par, mem)
     k, c = alpha * alpha, alpha
     if adapts_gains(par):
-        lowered = passivity_controller.shares(mem, model.PASSIVITY_CONTROLLER + SIZE * block)
+        lowered = passivity_controller.shares(mem, passivity_controller.section(block))
         k, c = lowered[0] * k, lowered[1] * c
     return k, c
+
+
+@inline_function
+def _free_axis_shares(par: Array, mem: Array, k: int) -> tuple[float, float]:
+    """Shares of stiffness and damping in use on slide (k = 0) or spin (1)."""
+    stiff, damp = shares(par, mem, k)
+    if adapts_gains(par):
+        lowered = passivity_controller.shares(mem, passivity_controller.section(2 + k))
+        stiff, damp = lowered[0] * stiff, lowered[1] * damp
+    return stiff, damp
+
+
+@inline_function
+def watch_free_axes(par: Array, mem: Array, o: RelativeState) -> None:
+    """Lower the gains of stick, stops, locks and drives on slide and spin if they put in energy."""
+    if adapts_gains(par):
+        slide, spin = passivity_controller.section(2), passivity_controller.section(3)
+        passivity_controller.watch_reversals(mem, slide, (o.twist.v[0], 0.0))
+        passivity_controller.watch_reversals(mem, spin, (o.twist.w[0], 0.0))
+
+
+@inline_function
+def _are_lowered(par: Array, mem: Array) -> bool:
+    """Whether gains on slide or spin are lowered."""
+    slide, spin = passivity_controller.section(2), passivity_controller.section(3)
+    at = passivity_controller.DAMPING_REDUCTION
+    return adapts_gains(par) and (mem[slide + at] > 0.0 or mem[spin + at] > 0.0)
 
 
 @inline_function
@@ -122,6 +153,8 @@ def write_outputs(
     flags = o.flags
     if blocked1 or blocked2:
         flags |= layout.DRIVE_BLOCKED
+    if _are_lowered(par, mem):
+        flags |= layout.GAINS_LOWERED
     if mem[model.STICK_SAMPLES] >= layout.STOPPED_SAMPLES:
         flags |= layout.STOPPED
     a, b, acting = o.a, o.b, o.frame
@@ -147,7 +180,7 @@ def _limit_force(
     Also which stop (1, 2) and lock (1) acts, the part of the drive, and whether stop or lock holds
     the component against it.
     """
-    soft, slow = shares(par, mem, k)
+    soft, slow = _free_axis_shares(par, mem, k)
     stiff, damp = soft * par[model.PENALTY + k], slow * par[model.PENALTY + 2 + k]
     if int(par[model.LOCK]) == k + 1 and update_lock(par, mem, x, w, h):
         at = mem[model.LOCK_POSITION]
@@ -193,7 +226,8 @@ def _friction(
     if not law.on:
         write_contact(out, pressed, 0.0, 0.0, 0.0)
         return (0.0, 0.0), layout.FRICTIONLESS
-    soft, slow = shares(par, mem, 0)
+    (soft, slow), of_spin = _free_axis_shares(par, mem, 0), _free_axis_shares(par, mem, 1)
+    soft, slow = min(soft, of_spin[0]), min(slow, of_spin[1])
     ks, cs = soft * par[model.PENALTY + 4], slow * par[model.PENALTY + 5]
     s1, s2 = o.twist.v[0], law.radius * o.twist.w[0]
     rate = math.sqrt(s1 * s1 + s2 * s2)

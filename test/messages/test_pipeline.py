@@ -5,6 +5,7 @@ import pytest
 from pipelines import MS, Loop, make
 
 from cylconn_ros.connector.connector import Connector
+from cylconn_ros.connector.frames import into_world
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.messages import cdr_decoder
@@ -173,6 +174,38 @@ def test_stamps_that_go_back_start_a_new_history():
     assert response.stamp == 0
     assert loop.pipeline.out[layout.DISPLACEMENT] == 0.0
     assert loop.pipeline.matcher.counts.restarts == 1
+
+
+@pytest.mark.parametrize("frame", ["world", "body_b"])
+def test_a_load_that_arrives_after_its_wrench_is_no_latency(frame: str) -> None:
+    """Lock step, each load newer than its wrench at every third sample: no bit but its own."""
+    rng, writer = np.random.default_rng(3), StampedWriter(frame)
+    loops = [Loop(make(latency=latency)) for latency in (0, -1)]
+    for k in range(120):
+        load = np.array([0.0, *rng.uniform(-5.0, 5.0, 2), 0.0, 0.0, 0.0])
+        for loop in loops:
+            late, sent = k % 3 == 2, writer.write(loop.plant.time_ns, load)
+            receive = loop.pipeline.inputs["body_b/load"].receive
+            if not late:
+                assert receive(sent) is None
+            response = loop.sample()
+            if response is None:  # it waits for the load
+                response = loop.pipeline.give_up()
+            assert response is not None
+            if late:
+                receive(sent)
+            acting = load if frame == "world" else into_world(loop.plant.state[13:20], load)
+            loop.plant.loads[6:] = acting
+            loop.exchange.receive(0, response.wrench_a, loop.plant.time_ns)
+            loop.exchange.receive(1, response.wrench_b, loop.plant.time_ns)
+            loop.plant.step(*loop.exchange.wrenches)
+            loop.exchange.begin_sample()
+        exact, measured = loops[0].pipeline, loops[1].pipeline
+        np.testing.assert_array_equal(
+            measured.out[: layout.COMPUTING_TIME], exact.out[: layout.COMPUTING_TIME]
+        )
+    assert measured.matcher.counts.late_loads == 40
+    assert measured.connector.measured_latency == 0.0
 
 
 def wrench(stamp: int, force: float) -> bytes:

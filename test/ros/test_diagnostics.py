@@ -254,6 +254,7 @@ class MeasuredLatency:
         (1.02, 0.1, 1.0, (WARN, "1.0 samples (2.0 ms) after their sample: set latency: 1")),
         (0.4, 0.1, 0.4, (OK, "0.4 samples (0.8 ms) after their sample, with a spread of 0.1")),
         (2.0, 0.9, 2.0, (OK, "2.0 samples (4.0 ms) after their sample, with a spread of 0.9")),
+        (20.0, 0.0, 20.0, (OK, "20.0 samples (40.0 ms) or more after their sample, the greatest")),
         (1.0, 0.1, 0.0, None),
         (0.0, 0.0, 0.0, None),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 from cylconn_ros.bench.common.report import VERDICT, number, table
 from cylconn_ros.bench.common.results import Findings
@@ -96,9 +97,35 @@ def matrix(found: Findings) -> str:
     return table(["rate", *columns], rows)
 
 
+def failed(found: Findings) -> str:
+    """Runs that did not survive, by scene and rate, and what they exceeded."""
+    counts: dict[str, Counter[float]] = {}
+    reasons: dict[str, Counter[str]] = {}
+    rates: dict[float, None] = {}
+    for m in found.measurements:
+        if m.case == f"{measure.FREE_RUNNING}, one by one":
+            rate, scene = float(m.settings["rate"]), m.subject.split(":")[0]
+            rates[rate] = None
+            if m.value != 1.0:
+                counts.setdefault(scene, Counter())[rate] += 1
+                reasons.setdefault(scene, Counter()).update(m.note.split(" and "))
+    rows = [
+        [
+            scene,
+            *(str(of[rate] or "") for rate in rates),
+            ", ".join(f"{reason} {n}" for reason, n in reasons[scene].most_common()),
+        ]
+        for scene, of in sorted(counts.items(), key=lambda one: -one[1].total())
+    ]
+    return table(["scene", *(f"{rate:g} Hz" for rate in rates), "exceeded"], rows)
+
+
 def both(found: Findings) -> str:
-    """The free-running plant: summary and every cell."""
-    return f"{matrix(found)}\n\n{free_running(found)}"
+    """The free-running plant: summary, scenes with failures, and every cell."""
+    summary = [f"**Survived, exact / semi-implicit plant**\n\n{matrix(found)}"]
+    if any(m.value != 1.0 and "one by one" in m.case for m in found.measurements):
+        summary.append(f"**Runs that did not survive**\n\n{failed(found)}")
+    return "\n\n".join([*summary, f"**Offset and angle reached**\n\n{free_running(found)}"])
 
 
 def _cells(cells: dict[tuple[str, str], tuple[float, str]]) -> list[str]:

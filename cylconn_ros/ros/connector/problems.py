@@ -192,8 +192,7 @@ def solution_problems(
         if is_new(f"start {stop}", 1):
             yield Problem(WARN, f"start {stop}", text)
     if flags & layout.GAINS_LOWERED and scene.constraint == "connector":
-        text = "penalty gains lowered: those in the parameters are unstable at this period"
-        yield Problem(WARN, "gains", text)
+        yield Problem(WARN, "gains", _lowered_gains(connector))
     if flags & layout.DRIVE_BLOCKED:
         yield from _blocked_drives(connector, health)
     if flags & layout.INTEGRATION:
@@ -268,6 +267,21 @@ def _blocked_drives(connector: Connector, health: Health) -> Iterator[Problem]:
         yield Problem(WARN, f"blocked {name}", text)
 
 
+def _lowered_gains(connector: Connector) -> str:
+    if connector.method == "impulse":
+        return (
+            "wrenches scaled so that the bodies gain no energy: they turn too far in a period for "
+            "the length of their arms; shorten the period"
+        )
+    stiffness, damping = connector.gain_shares
+    penalty = connector.scene.penalty
+    return (
+        f"penalty gains lowered, stiffness to {stiffness:.2g} and damping to {damping:.2g} of the "
+        "parameters, which are unstable at this period: set penalty.stiffness: "
+        f"{stiffness * penalty.stiffness:.3g} and penalty.damping: {damping * penalty.damping:.3g}"
+    )
+
+
 def latency_problem(connector: Connector, before: float | None) -> Iterator[Problem]:
     """The measured latency, if there is one, and what to set; a declared one that it refutes.
 
@@ -284,9 +298,11 @@ def latency_problem(connector: Connector, before: float | None) -> Iterator[Prob
     if abs(latency - expected) < _WHOLE + (spread if declared >= 0 else 0.0):
         return
     time = f" ({latency * period * 1e3:.1f} ms)" if period else ""
-    text = f"wrenches act {latency:.1f} samples{time} after their sample"
+    bound = latency > layout.MAX_LATENCY - _WHOLE  # no more is measured
+    more = " or more" if bound else ""
+    text = f"wrenches act {latency:.1f} samples{time}{more} after their sample"
     whole = round(latency)
-    steady = abs(latency - whole) <= _WHOLE and spread <= _STEADY
+    steady = abs(latency - whole) <= _WHOLE and spread <= _STEADY and not bound
     if declared >= 0:
         text = f"latency: {declared} is declared, but {text}"
         remedy = f"set latency: {whole}" if steady else "set latency: -1, which measures it"
@@ -294,7 +310,11 @@ def latency_problem(connector: Connector, before: float | None) -> Iterator[Prob
     elif whole and steady:
         yield Problem(WARN, f"latency {whole}", f"{text}: set latency: {whole}")
     else:
-        text += f", with a spread of {spread:.1f} samples: keep latency: -1, which follows it"
+        if bound:
+            text += ", the greatest latency that is measured"
+        else:
+            text += f", with a spread of {spread:.1f} samples"
+        text += ": keep latency: -1, which follows it"
         yield Problem(OK, "latency", text)
 
 
