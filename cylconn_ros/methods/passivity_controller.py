@@ -39,8 +39,9 @@ HALF_CYCLE_GROWTH = 1.2  # of the square of its greatest rate
 STRONG_GROWTH = 4.0
 OUT_OF_NOISE = 3.0  # greatest rate of a growth over the greatest one before it
 FADING = 0.98, 0.95  # of that one, per sample, per half cycle
-SUDDEN = 4.0  # growth of a rate at once, from LEAST_RATE on
-LEAST_RATE = 1e-3  # m/s or rad/s: smaller ones are harmless, reversed by a load, or yet to grow
+SUDDEN = 4.0  # growth of a rate at once
+LEAST_SUDDEN = 5e-3  # m/s or rad/s: smaller rates are noise or reversed by a load
+LEAST_RATE = 1e-3  # m/s or rad/s: smaller oscillations are harmless, or not yet known to grow
 LEAST_ERROR = 1e-9  # m or rad: smaller errors are rounding
 
 # Section of MEM for one pair of components (section); all zero at the start.
@@ -213,7 +214,7 @@ def _count_reversals(mem: Array, at: int, w: Two) -> None:
     ratio = now / before
     if now <= OUT_OF_NOISE * mem[at + USUAL_RATE]:
         return
-    if ratio > SUDDEN and before > LEAST_RATE:
+    if ratio > SUDDEN and before > LEAST_SUDDEN:
         for block in range(4):
             _divide(mem, section(block), 1.0 + ratio)
             mem[section(block) + RATE] = mem[section(block) + RATE + 1] = 0.0  # once per sample
