@@ -251,8 +251,9 @@ class SampleMatcher:
         world = self._in_world(body, "load", frame)
         axes = IN_WORLD if world else IN_BODY
         late = self.loads.receive(body, stamp, axes, load, self._last, self.counts)
-        turned = load if world else into_world(self.sample[_AT[2 * body + _POSE]], load)
-        self.late_load = turned if late else None
+        if late and not world:
+            load = into_world(self.sample[_AT[2 * body + _POSE]].tolist(), load)
+        self.late_load = load if late else None
         return self.next()
 
     def next(self) -> SynchronizedSample | None:

@@ -194,7 +194,8 @@ def test_a_load_that_arrives_after_its_wrench_is_no_latency(frame: str) -> None:
             assert response is not None
             if late:
                 receive(sent)
-            acting = load if frame == "world" else into_world(loop.plant.state[13:20], load)
+            pose = loop.plant.state[13:20].tolist()
+            acting = load if frame == "world" else into_world(pose, load.tolist())
             loop.plant.loads[6:] = acting
             loop.exchange.receive(0, response.wrench_a, loop.plant.time_ns)
             loop.exchange.receive(1, response.wrench_b, loop.plant.time_ns)

@@ -152,7 +152,7 @@ class _Client:
 
 def _run(shape: Shape, clients: Sequence[_Client], samples: int) -> FaultCase:
     case = FaultCase(f"lock step: {shape.name}", "every sample is answered, no message sent twice")
-    rng, delays = random.Random(1), []
+    rng, delays = random.Random(1), list[float]()
     unanswered = unbalanced = 0
     for client in clients:  # the first start of a node compiles
         client.send(0, shape, rng)

@@ -20,6 +20,8 @@ from cylconn_ros.reference.library import LIBRARY
 
 PROCESSES, LIBRARY_RUNS = "real processes", "every scene of the library"
 FREE_RUNNING = "every scene of the library, free running"
+TUMBLING = "tumbling pairs, free running"
+ONE_BY_ONE = "free running, one by one"
 MET = "met"
 NOT_FINITE = "not finite"
 QUICK_SCENES = ["demo", "free_flight", "incline_stick"]
@@ -54,38 +56,41 @@ def free_running_matrix(settings: Settings, progress: sweep.Progress | None = No
     )  # fmt: skip
     total = len(names) * len(rates) * len(lags) * len(kinds) * len(integrations)
     found = Findings()
-    groups: dict[tuple[float, str, float, str], list[tuple[Motion, bool]]] = {}
-    failed: Counter[str] = Counter()
+    groups: dict[tuple[str, float, str, float, str], list[tuple[Motion, bool]]] = {}
+    failed: dict[str, Counter[str]] = {FREE_RUNNING: Counter(), TUMBLING: Counter()}
     cells = free_running.sweep(names, rates, lags, kinds, integrations, settings.load)
     for (name, rate, integration, lag), motion, failures in cells:
         if progress is not None:
             progress(len(found.measurements), total)
-        groups.setdefault((rate, integration, lag.periods, lag.kind), []).append(
-            (motion, not failures)
-        )
-        failed.update(failures)
+        case = TUMBLING if name in free_running.TUMBLING else FREE_RUNNING
+        group = groups.setdefault((case, rate, integration, lag.periods, lag.kind), [])
+        group.append((motion, not failures))
+        failed[case].update(failures)
         found.measurements.append(
             Measurement(
-                f"{FREE_RUNNING}, one by one", f"{name}: {lag.periods:g} {lag.kind}", "survived",
+                ONE_BY_ONE, f"{name}: {lag.periods:g} {lag.kind}", "survived",
                 float(not failures), "1", note=" and ".join(failures),
                 settings={"rate": rate, "integration": integration, "offset": motion.offset,
                           "angle": motion.angle, "force": motion.force, "gained": motion.gained,
                           "latency": motion.latency},
             )
         )  # fmt: skip
-    runs = sum(len(group) for group in groups.values())
-    missed = sum(not fine for group in groups.values() for _, fine in group)
-    reasons = ", ".join(f"{reason} {n}" for reason, n in failed.most_common())
-    note = f"of {runs} runs" + (f"; by criterion: {reasons}" if reasons else "")
-    found.targets.append(Target("free running: not survived", missed, 0.0, "", note))
-    for (rate, integration, periods, kind), group in groups.items():
-        found.measurements += _free_running_cell(rate, integration, f"{periods:g} {kind}", group)
+    for case, reasons in failed.items():
+        of_case = [fine for key, group in groups.items() if key[0] == case for _, fine in group]
+        if of_case:
+            note = ", ".join(f"{reason} {n}" for reason, n in reasons.most_common())
+            note = f"of {len(of_case)} runs" + (f"; by criterion: {note}" if note else "")
+            missed = of_case.count(False)
+            found.targets.append(Target(f"{case}: not survived", missed, 0.0, "", note))
+    for key, group in groups.items():
+        found.measurements += _free_running_cell(*key, group)
     return found
 
 
 def _free_running_cell(
-    rate: float, integration: str, lag: str, group: Sequence[tuple[Motion, bool]]
-) -> Iterator[Measurement]:
+    case: str, rate: float, integration: str, periods: float, kind: str,
+    group: Sequence[tuple[Motion, bool]],
+) -> Iterator[Measurement]:  # fmt: skip
     """Runs that survived, and the offset and angle reached, of a rate, an integration and a lag."""
     offsets = [motion.offset for motion, _ in group]
     values = {
@@ -98,7 +103,7 @@ def _free_running_cell(
     }
     for quantity, (value, unit) in values.items():
         yield Measurement(
-            FREE_RUNNING, lag, quantity, float(value), unit,
+            case, f"{periods:g} {kind}", quantity, float(value), unit,
             settings={"rate": rate, "integration": integration},
             note="" if math.isfinite(value) else "not finite",
         )  # fmt: skip

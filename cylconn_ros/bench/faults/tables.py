@@ -73,11 +73,11 @@ def free_running(found: Findings) -> str:
     return table(head, rows)
 
 
-def matrix(found: Findings) -> str:
+def matrix(found: Findings, case: str) -> str:
     """Runs that survived by rate and lag, of all kinds of lag, exact and semi-implicit plant."""
     counts: dict[tuple[float, str], dict[str, list[float]]] = {}
     for m in found.measurements:
-        if m.case == measure.FREE_RUNNING and m.quantity in ("survived", "runs"):
+        if m.case == case and m.quantity in ("survived", "runs"):
             lag = m.subject.split()[0]
             for column in (lag, "all"):
                 of = counts.setdefault((float(m.settings["rate"]), column), {})
@@ -103,7 +103,7 @@ def failed(found: Findings) -> str:
     reasons: dict[str, Counter[str]] = {}
     rates: dict[float, None] = {}
     for m in found.measurements:
-        if m.case == f"{measure.FREE_RUNNING}, one by one":
+        if m.case == measure.ONE_BY_ONE:
             rate, scene = float(m.settings["rate"]), m.subject.split(":")[0]
             rates[rate] = None
             if m.value != 1.0:
@@ -120,12 +120,15 @@ def failed(found: Findings) -> str:
     return table(["scene", *(f"{rate:g} Hz" for rate in rates), "exceeded"], rows)
 
 
-def both(found: Findings) -> str:
-    """The free-running plant: summary, scenes with failures, and every cell."""
-    summary = [f"**Survived, exact / semi-implicit plant**\n\n{matrix(found)}"]
-    if any(m.value != 1.0 and "one by one" in m.case for m in found.measurements):
-        summary.append(f"**Runs that did not survive**\n\n{failed(found)}")
-    return "\n\n".join([*summary, f"**Offset and angle reached**\n\n{free_running(found)}"])
+def all_free_running(found: Findings) -> str:
+    """The free-running plant: summaries, scenes with failures, and every cell."""
+    measured = {m.case for m in found.measurements}
+    cases = [case for case in (measure.FREE_RUNNING, measure.TUMBLING) if case in measured]
+    parts = {f"{case.capitalize()}: survived": matrix(found, case) for case in cases}
+    if any(m.case == measure.ONE_BY_ONE and m.value != 1.0 for m in found.measurements):
+        parts["Runs that did not survive"] = failed(found)
+    parts[f"{measure.FREE_RUNNING.capitalize()}: offset and angle reached"] = free_running(found)
+    return "\n\n".join(f"**{title}**\n\n{text}" for title, text in parts.items())
 
 
 def _cells(cells: dict[tuple[str, str], tuple[float, str]]) -> list[str]:
