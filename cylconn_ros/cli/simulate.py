@@ -191,10 +191,14 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
     world = scene.world_frame
     topics = []
     messages = []  # (topic, writer, rows)
-    for name, body, motion, wrench in (
-        ("/body_a", scene.body_a, layout.A_POSE, layout.FORCE_A),
-        ("/body_b", scene.body_b, layout.B_POSE, layout.FORCE_B),
+    loads = {}  # constant: sent once, as the plant node does
+    for name, body, motion, wrench, load in (
+        ("/body_a", scene.body_a, layout.A_POSE, layout.FORCE_A, scene.plant.body_a.load),
+        ("/body_b", scene.body_b, layout.B_POSE, layout.FORCE_B, scene.plant.body_b.load),
     ):
+        if body.kind != "fixed" and any(load):
+            topics.append(TopicInfo(f"{name}/load", "geometry_msgs/msg/WrenchStamped"))
+            loads[f"{name}/load"] = StampedWriter(world).write(0, np.array(load))
         if body.kind != "fixed":
             topics.append(TopicInfo(f"{name}/pose", "geometry_msgs/msg/PoseStamped"))
             topics.append(TopicInfo(f"{name}/twist", "geometry_msgs/msg/TwistStamped"))
@@ -210,6 +214,8 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
     states = StateWriter(scene.body_a.frame, result.connector.method)
     joints = JointStateWriter(scene.body_a.frame, joint_command.names(scene))
     with RunWriter(output, topics, metadata, scene.record.compression) as writer:
+        for topic, data in loads.items():
+            writer.write(topic, data, 0, 0)
         for k, time in enumerate(result.time):
             stamp = round(time * 1e9)
             for topic, message, rows in messages:

@@ -270,7 +270,9 @@ def estimate(mem: Array, resolution: float) -> None:
         used, now_phi = best, best_phi
     if now_phi >= 0.999999:
         used, now_phi = used + 1, 0.0
-    mem[model.MEASURED_LATENCY] = min(used + now_phi, float(MAX_LATENCY))
+    if used >= MAX_LATENCY:  # no later wrench is stored
+        used, now_phi = MAX_LATENCY, 0.0
+    mem[model.MEASURED_LATENCY] = used + now_phi
     if mem[model.MEASURED_LATENCY] > 0.0:
         mem[model.DELAYED] = 1.0
     fit = model.INTERVAL_FIT + 3 * used

@@ -140,9 +140,12 @@ def sweep(
 def _along(
     scene: Scene, computed: tuple[Array, Accuracy], samples: int, progress: Progress | None
 ) -> Run:
-    """The connector's outputs along a motion computed beforehand."""
+    """The connector's outputs along a motion computed beforehand.
+
+    That motion does not follow from the connector's wrenches, so that it tells no latency.
+    """
     plant = Plant(scene)
-    connector = Connector(dataclasses.replace(scene, method="auto"))
+    connector = Connector(dataclasses.replace(scene, method="auto", latency=0))
     states, accuracy = computed
     rows = np.zeros((samples, layout.NSAMPLE))
     rows[:, layout.MOTION], rows[:, layout.LOADS] = states[:-1], plant.loads

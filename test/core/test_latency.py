@@ -12,7 +12,7 @@ from scenes import bundled
 
 from cylconn_ros.bench.faults import free_running
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.core import layout, model
+from cylconn_ros.core import latency_estimation, layout, model
 from cylconn_ros.reference.library import LIBRARY
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
@@ -126,6 +126,19 @@ def test_the_latency_is_measured() -> None:
     for late in (0, 3):
         exact = through(scene, late, 300, -1).connector
         assert exact.latency == pytest.approx(late, abs=0.01)
+
+
+def test_the_greatest_latency_that_is_measured_is_the_bound() -> None:
+    """A wrench one period later than the last stored one: the sums end where they end."""
+    mem, last = np.zeros(model.NMEM), layout.MAX_LATENCY
+    mem[model.MEASURED_LATENCY], mem[model.DELAYED] = last, 1.0
+    for sums in (model.LATENCY_FIT, model.INTERVAL_FIT):
+        mem[sums : sums + 3 * last : 3] = 10.0  # nothing but the last wrench explains the motion
+        mem[sums + 3 * last : sums + 3 * last + 3] = 1.0, -1.0, 1.0
+    mem[model.LAST_NEEDED : model.LAST_NEEDED + 3] = 100.0, -1.0, -5.0
+    latency_estimation.estimate(mem, 0.0)
+    assert mem[model.MEASURED_LATENCY] == last
+    assert 0.0 <= mem[model.LATENCY_SPREAD] < 20.0
 
 
 @pytest.mark.parametrize("lag", [0.3, 0.7, 1.0, 2.5, 5.2])

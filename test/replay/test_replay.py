@@ -23,6 +23,7 @@ from cylconn_ros.recording.message_definitions import Interface, interface
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.recording.writer import RunWriter
+from cylconn_ros.reference.library import LIBRARY
 from cylconn_ros.replay.compare import Comparison
 from cylconn_ros.replay.replay import Replay
 from cylconn_ros.scene.resources import shipped
@@ -50,6 +51,18 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     code = cylconn.main(["simulate", "demo", "--steps", str(STEPS - 1), "-o", str(path)])
     assert code == 0
     return path
+
+
+@pytest.mark.parametrize("method", ["auto", "minimal"])
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_a_simulated_run_replays_identically(
+    name: str, method: str, tmp_path: Path, command: Command
+) -> None:
+    """With its constant loads; a motion computed offline tells no latency."""
+    out, given = tmp_path / "run", ["--set", f"method={method}"] if method != "auto" else []
+    assert cylconn.main(["simulate", name, *given, "--duration", "0.05", "-o", str(out)]) == 0
+    code, printed, _ = command(out, "--compare")
+    assert (code, "\noutputs identical\n" in printed) == (0, True)
 
 
 def test_a_replay_is_identical(recorded: Path, command: Command) -> None:
