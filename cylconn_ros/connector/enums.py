@@ -24,6 +24,7 @@ FLAGS = (
     "not converged",
     "contradictory constraints",
     "drive blocked",
+    "disengaged",
 )
 
 

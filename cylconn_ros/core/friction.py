@@ -7,6 +7,9 @@ FN    = |Fr + Fbend + FCint|           FCint: self-equilibrated preload force, o
 P     = sqrt(f1f^2 + (m1f/R)^2)        traction; R: effective radius of the shaft
 limit = min(cap, mu FN)                P < limit: stick; P = limit: slip, against the slip velocity
 
+The bending moment is about the middle of the contact, which may move along the slot
+(core/overlap.py): at the distance d before node b it is (m2 - d f3, m3 + d f2).
+
 mu    = mu_k + (mu_s - mu_k) exp(-dc |s|), or a table over slip rate |s| and normal force FN
 s     = (v1, R w1), the work-conjugate of phi = (f1f, m1f/R)
 
@@ -47,6 +50,7 @@ class Law(NamedTuple):
     force_slope: float  # Lipschitz bound of mu over FN, 1/N
     rates: int  # number of slip rates in the table; 0: no table
     forces: int  # number of normal forces in the table
+    centre: float  # of the contact before node b along the slot, m (core/overlap.py)
     table: int  # index of the table's first number in the parameter array
 
 
@@ -80,6 +84,7 @@ def make_law(
         preload, rate_slope, force_slope,
         0 if table is None else len(table.rates),
         0 if table is None else len(table.forces),
+        0.0,
         0,
     )  # fmt: skip
 
@@ -112,6 +117,12 @@ def set_limit(par: Array, at: int, limit: float) -> None:
     par[at + 4] = limit
 
 
+@inline_function
+def set_contact(par: Array, at: int, overlap: float, centre: float) -> None:
+    """Set overlap (> 0, m) and middle of the contact (m) of a packed law."""
+    par[at + 6], par[at + 12] = 2.0 / overlap, centre
+
+
 def pack(law: Law) -> tuple[float, ...]:
     """(SIZE,) the law's numbers as they are in the parameter array, without the table's values."""
     return tuple(map(float, law[:SIZE]))
@@ -133,6 +144,7 @@ def unpack(par: Array, at: int, table: int) -> Law:
         par[at + 9],
         int(par[at + 10]),
         int(par[at + 11]),
+        par[at + 12],
         table,
     )
 
@@ -142,7 +154,16 @@ def without_preload(law: Law) -> Law:
     """The same law with FCint = 0: a finite force has no impulse in an impact."""
     return Law(
         law.on, law.kinetic, law.static, law.decay, law.cap, law.radius, law.bending, 0.0,
-        law.rate_slope, law.force_slope, law.rates, law.forces, law.table,
+        law.rate_slope, law.force_slope, law.rates, law.forces, law.centre, law.table,
+    )  # fmt: skip
+
+
+@inline_function
+def with_contact(law: Law, overlap: float, centre: float) -> Law:
+    """The same law with another overlap (> 0, m) and middle of the contact (m)."""
+    return Law(
+        law.on, law.kinetic, law.static, law.decay, law.cap, law.radius, 2.0 / overlap, law.preload,
+        law.rate_slope, law.force_slope, law.rates, law.forces, centre, law.table,
     )  # fmt: skip
 
 
@@ -159,9 +180,16 @@ def greatest_coefficient(law: Law) -> float:
 
 
 @inline_function
-def contact(law: Law, reaction: Four) -> Contact:
-    """Contact forces of the constraint reactions (f2, f3, m2, m3)."""
+def at_middle(law: Law, reaction: Four) -> Four:
+    """Reactions (f2, f3, m2, m3) at node b, with the moments about the middle of the contact."""
     f2, f3, m2, m3 = reaction
+    return (f2, f3, m2 - law.centre * f3, m3 + law.centre * f2)
+
+
+@inline_function
+def contact(law: Law, reaction: Four) -> Contact:
+    """Contact forces of the constraint reactions (f2, f3, m2, m3) at node b."""
+    f2, f3, m2, m3 = at_middle(law, reaction)
     radial = math.sqrt(f2 * f2 + f3 * f3)
     moment = math.sqrt(m2 * m2 + m3 * m3)
     bending = law.bending * moment

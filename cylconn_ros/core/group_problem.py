@@ -27,7 +27,7 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, at_middle, coefficient, contact, limit
 from cylconn_ros.core.jit import device_function, inline_function
 
 STOPS: Final = 10.0  # ratio of the terms of reactions and friction
@@ -186,8 +186,8 @@ def _limit_slope(g: GroupProblem, c: int) -> None:
     n, i, j, r = 2 * g.number, 2 * c, 2 * c + 1, 4 * c
     par = g.par[c]
     law = model.law(par)
-    f2, f3, m2, m3 = _reaction(g, c)
-    pressed = contact(law, (f2, f3, m2, m3))
+    pressed = contact(law, _reaction(g, c))
+    f2, f3, m2, m3 = at_middle(law, _reaction(g, c))
     x, y = _slip(g, i), _slip(g, j)
     total = math.sqrt(x * x + y * y)
     rate = g.theta[c] * total
@@ -208,9 +208,11 @@ def _limit_slope(g: GroupProblem, c: int) -> None:
     bending = over_normal * law.bending / pressed.moment if pressed.moment > 0.0 else 0.0
     across = over_rate * g.theta[c] / total if total > 0.0 else 0.0
     for k in range(n):
+        by = (g.by[r, k], g.by[r + 1, k], g.by[r + 2, k], g.by[r + 3, k])
+        by2, by3, turn2, turn3 = at_middle(law, by)
         g.slope[k] = (
-            radial * (f2 * g.by[r, k] + f3 * g.by[r + 1, k])
-            + bending * (m2 * g.by[r + 2, k] + m3 * g.by[r + 3, k])
+            radial * (f2 * by2 + f3 * by3)
+            + bending * (m2 * turn2 + m3 * turn3)
             + across * (x * g.s[i, k] + y * g.s[j, k])
         )
 

@@ -107,7 +107,7 @@ def predict_sample(par: Array, mem: Array, sample: Array, h: float, out: Array) 
     late = latency_of(par, mem)
     whole = int(late)
     if mem[model.HAS_REFERENCE] == 0.0:
-        measure(par, mem, current, out)
+        measure(par, mem, current, h, out)
         mem[model.LAST_PERIOD] = late * h
     for i in range(-1, whole):
         dt = (late - whole) * h if i < 0 else h

@@ -47,7 +47,8 @@ CONSTRAINT: Final = (
 #                                    latency, 2 without (core/free_gain.py)
 DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (infinite: no limit),
 #                                speed of approach of an imposed position
-TABLE: Final = DRIVE + 4  # of the friction coefficient: rates, forces, values
+OVERLAP: Final = DRIVE + 4  # how the contact changes with the slide: see core/overlap.py
+TABLE: Final = OVERLAP + 6  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined

@@ -20,6 +20,7 @@ from cylconn_ros.core.kinematics import (
     swing_of,
     unwrapped,
 )
+from cylconn_ros.core.overlap import set_contact_range
 from cylconn_ros.core.passivity import add_work, has_jumped, reset_stick_position
 from cylconn_ros.core.rigid_body import Body, Motion, at_com
 from cylconn_ros.core.small_matrices import Four
@@ -115,14 +116,16 @@ def constraint_error(mem: Array, nodes: Nodes, a: Motion, b: Motion) -> Four:
 
 
 @inline_function
-def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
+def measure(par: Array, mem: Array, sample: Array, step: float, out: Array) -> RelativeState:
     """Compute the relative state; write the kinematic part of ``out``; update the memory.
 
-    The memory gets the reference configuration, the number of turns and the work.
+    The memory gets the reference configuration, the number of turns and the work; ``par`` the
+    contact in the middle of the step, if it changes with the slide (core/overlap.py).
 
     Args:
         par, mem: the model's arrays; the first sample fills the reference configuration of ``mem``.
         sample: (NSAMPLE,) a sample for which :func:`status_of` is OK.
+        step: of the step that begins at the sample, s; negative for one that ends there.
         out: (NOUT,).
     """
     body_a, body_b = model.body(par, model.BODY_A), model.body(par, model.BODY_B)
@@ -172,6 +175,9 @@ def measure(par: Array, mem: Array, sample: Array, out: Array) -> RelativeState:
     mem[model.LAST_ANGLE], mem[model.LAST_SPIN] = angle, rates.w[0]
     model.write_vector(mem, model.LAST_POSITION, position)
     model.write_vector(mem, model.LAST_VELOCITY, rates.v)
+    ahead = min(step, 0.0) if model.output(par).semi_implicit else 0.5 * step
+    if not set_contact_range(par, mem[model.LENGTH0], position[0] + ahead * rates.v[0]):
+        flags |= layout.DISENGAGED
     error = _error(mem, position, swing)
     if not is_delayed(par, mem):
         _exclude_jump(par, mem, position[0], angle)

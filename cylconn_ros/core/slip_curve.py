@@ -21,6 +21,7 @@ from typing import NamedTuple
 from cylconn_ros.core.friction import (
     Array,
     Law,
+    at_middle,
     coefficient,
     contact,
     greatest_coefficient,
@@ -134,8 +135,9 @@ def stick_excess(law: Law, par: Array, d: DiscProblem, c: SlipCandidates) -> flo
 @inline_function
 def _normal_force_slope(law: Law, d: DiscProblem) -> float:
     """A Lipschitz constant of FN over |phi|."""
-    f = d.c1[0] ** 2 + d.c1[1] ** 2 + d.c2[0] ** 2 + d.c2[1] ** 2
-    m = d.c1[2] ** 2 + d.c1[3] ** 2 + d.c2[2] ** 2 + d.c2[3] ** 2
+    c1, c2 = at_middle(law, d.c1), at_middle(law, d.c2)
+    f = c1[0] ** 2 + c1[1] ** 2 + c2[0] ** 2 + c2[1] ** 2
+    m = c1[2] ** 2 + c1[3] ** 2 + c2[2] ** 2 + c2[3] ** 2
     return math.sqrt(f) + law.bending * math.sqrt(m)
 
 
@@ -212,12 +214,13 @@ def _is_free_of_roots(
     there = contact(law, reaction(d, phi_at(d, c, low)))
     # gradient of Fr + Fbend at high, in the eigenvectors
     g1 = g2 = 0.0
+    f, c1, c2 = at_middle(law, f), at_middle(law, d.c1), at_middle(law, d.c2)
     if here.radial > 0.0:
-        g1 += (f[0] * d.c1[0] + f[1] * d.c1[1]) / here.radial
-        g2 += (f[0] * d.c2[0] + f[1] * d.c2[1]) / here.radial
+        g1 += (f[0] * c1[0] + f[1] * c1[1]) / here.radial
+        g2 += (f[0] * c2[0] + f[1] * c2[1]) / here.radial
     if here.moment > 0.0:
-        g1 += law.bending * (f[2] * d.c1[2] + f[3] * d.c1[3]) / here.moment
-        g2 += law.bending * (f[2] * d.c2[2] + f[3] * d.c2[3]) / here.moment
+        g1 += law.bending * (f[2] * c1[2] + f[3] * c1[3]) / here.moment
+        g2 += law.bending * (f[2] * c2[2] + f[3] * c2[3]) / here.moment
     p, q = d.cos * g1 + d.sin * g2, d.cos * g2 - d.sin * g1
     pressed = here.radial + here.bending + law.preload
     step = high - low

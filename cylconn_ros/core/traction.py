@@ -9,9 +9,7 @@ that F is convex in P. The solution is the first zero of g = share mu FN - P, po
     mu over FN   a table: steps of g/(1 + greatest slope) rise to the zero and do not pass it
 """
 
-import math
-
-from cylconn_ros.core.friction import Array, Contact, Law, coefficient, contact
+from cylconn_ros.core.friction import Array, Contact, Law, at_middle, coefficient, contact
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 
@@ -29,6 +27,7 @@ def reactions_at(base: Four, by: Four, p: float) -> Four:
 def _slope(law: Law, at: Contact, reaction: Four, by: Four) -> float:
     """The slope dF/dP."""
     slope = 0.0
+    reaction, by = at_middle(law, reaction), at_middle(law, by)
     if at.radial > 0.0:
         slope += (reaction[0] * by[0] + reaction[1] * by[1]) / at.radial
     if at.moment > 0.0:
@@ -92,8 +91,8 @@ def _least_over_table(
     law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
 ) -> tuple[float, bool, float]:
     """:func:`least_traction` for a coefficient that depends on FN."""
-    growth = math.sqrt(by[0] * by[0] + by[1] * by[1])
-    growth += law.bending * math.sqrt(by[2] * by[2] + by[3] * by[3])
+    grown_by = contact(law, by)
+    growth = grown_by.radial + grown_by.bending
     p, residual = 0.0, 0.0
     for _ in range(MAX_STEPS):
         normal = contact(law, reactions_at(base, by, p)).normal

@@ -23,7 +23,7 @@ from cylconn_ros.methods import passivity_controller, penalty
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
     penalty.watch_free_axes(par, mem, o)

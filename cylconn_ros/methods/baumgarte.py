@@ -53,7 +53,7 @@ FEEDBACK = 0.2  # default of alpha h and beta h
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     body_a, body_b = o.body_a, o.body_b
     f = o.frame
     g = in_swing_axes(

@@ -254,7 +254,7 @@ def _kept_share(
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     s = prepare_step(par, mem, sample, o, h, True)
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     av = solve_free_axes(par, mem, o, s.reduced, h, model.output(par).semi_implicit)

@@ -116,7 +116,7 @@ def step(par: Array, mem: Array, sample: Array, _h: float, out: Array) -> int:
     place = (mem[model.LAST_POSITION], mem[model.LAST_ANGLE])
     rates = (mem[model.LAST_VELOCITY], mem[model.LAST_SPIN])
     a, b = _previous_sample(mem, 0), _previous_sample(mem, 1)
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, -dt, out)
     body_a, body_b = o.body_a, o.body_b
     _store_sample(mem, 0, body_a, o.a, sample)
     _store_sample(mem, 1, body_b, o.b, sample)

@@ -47,7 +47,7 @@ from cylconn_ros.methods.passivity_controller import Two
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     """Compute one step: sample (NSAMPLE,), out (NOUT,), ``mem`` updated; returns the flags."""
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
     watch_free_axes(par, mem, o)

@@ -53,6 +53,28 @@ class Friction:
         unit="m",
         doc="Overlap length L of shaft and sleeve; 0: bending adds no normal force.",
     )
+    overlap_change: str = parameter(
+        "constant",
+        choices=("constant", "increasing", "decreasing"),
+        doc="How the overlap changes with the slide, one to one: telescopes, drawers, piston rods.",
+    )
+    overlap_at: float = parameter(
+        NAN,
+        unit="m",
+        doc="Slide at which overlap holds; .nan: the reference configuration.",
+    )
+    overlap_min: float = parameter(
+        1e-3, gt=0.0, unit="m", doc="Below it the joint has come apart: held there, DISENGAGED."
+    )
+    overlap_max: float = parameter(
+        INF, gt=0.0, unit="m", doc="Fully inserted: the overlap does not increase beyond it."
+    )
+    contact_centre: str = parameter(
+        "auto",
+        choices=("auto", "body_b", "body_a", "between"),
+        doc="What carries the middle of the contact: the bearing of body_b or body_a; between: it "
+        "moves with half the slide. auto: body_b if the overlap is constant, else between.",
+    )
     preload: float = parameter(
         0.0, unit="N", doc="Self-equilibrated contact force FCint (press fit), of either sign."
     )

@@ -59,6 +59,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     )
     par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
     par[model.FRICTION : model.FRICTION + friction.SIZE] = friction.pack(law)
+    par[model.OVERLAP : model.OVERLAP + 6] = _overlap(scene.friction)
     elasticity, damping = scene.elasticity, scene.damping
     par[model.ELASTICITY : model.ELASTICITY + 4] = (
         elasticity.k1,
@@ -158,6 +159,19 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
         table=None if table is None else friction.Table(table.rates, table.forces, table.values),
     )
     return law, [] if table is None else [*table.rates, *table.forces, *table.values]
+
+
+def _overlap(given: Friction) -> list[float]:
+    """How overlap and middle of the contact change with the slide; core/overlap.py."""
+    sigma = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}[given.overlap_change]
+    auto = "body_b" if sigma == 0.0 else "between"
+    centre = auto if given.contact_centre == "auto" else given.contact_centre
+    kappa = {"body_b": 0.0, "body_a": 1.0, "between": 0.5}[centre]
+    bends = given.on and given.overlap > 0.0  # else neither matters
+    return [
+        sigma if bends else 0.0, kappa if bends else 0.0, given.overlap_at, given.overlap,
+        given.overlap_min, given.overlap_max,
+    ]  # fmt: skip
 
 
 def _penalty(scene: Scene, method: str) -> list[float]:

@@ -215,10 +215,27 @@ def _check_friction(friction: Friction) -> None:
                 "friction.decay = 0.0: must be > 0 s/m if friction.static_coefficient differs "
                 "from friction.coefficient; otherwise the kinetic coefficient is never reached"
             )
+    _check_overlap(friction)
     if friction.on and math.isnan(friction.radius):
         raise SceneError(
             "friction.radius = .nan: must be given with friction "
             "(the effective radius R of the shaft, > 0 m)"
+        )
+
+
+def _check_overlap(friction: Friction) -> None:
+    changes = friction.overlap_change != "constant"
+    if friction.overlap == 0.0 and (changes or friction.contact_centre != "auto"):
+        name = "overlap_change" if changes else "contact_centre"
+        raise SceneError(
+            f"friction.{name} = {show(getattr(friction, name))}: needs friction.overlap > 0, the "
+            "overlap at friction.overlap_at"
+        )
+    if changes and not friction.overlap_min <= friction.overlap <= friction.overlap_max:
+        raise SceneError(
+            f"friction.overlap = {show(friction.overlap)}: must be from friction.overlap_min "
+            f"({show(friction.overlap_min)} m) to friction.overlap_max "
+            f"({show(friction.overlap_max)} m) if it changes"
         )
 
 

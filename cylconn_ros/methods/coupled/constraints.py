@@ -129,7 +129,7 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
     status = begin(par, mem, sample, h, out)
     if status != layout.OK:
         return status
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     s = impulse.prepare_step(par, mem, sample, o, h, False)
     _write_jacobians(s.acting, prepared)
     _write_inverse(o.body_a, s.a.middle.orientation, prepared, INVERSE_A)

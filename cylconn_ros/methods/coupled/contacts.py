@@ -117,7 +117,7 @@ def find_contacts(
     """
     if begin(par, mem, sample, h, out) != layout.OK:
         return False
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
     q = pose_free_axes(par, mem, o, r, h)
     explicit = model.output(par).semi_implicit

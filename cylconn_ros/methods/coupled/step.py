@@ -245,7 +245,7 @@ def _complete(
     status = begin(par, mem, sample, h, out)
     if status != layout.OK:
         return status
-    o = measure(par, mem, sample, out)
+    o = measure(par, mem, sample, h, out)
     s = impulse.prepare_step(par, mem, sample, o, h, False)
     s = impulse.PreparedStep(
         s.a, s.b, s.acting, s.g, s.free, s.jacobian_change, s.target, r, s.flags | flags

@@ -67,7 +67,8 @@ HARMONICS: Final = 39  # of l'', alpha'', base 4: k0 k1 k2 k3 each
 MOBILITY: Final = 63  # S, 3
 BY_F1: Final = 66  # 4
 BY_M1: Final = 70  # 4
-NJOINT: Final = 74
+START: Final = 74  # length of the reference configuration
+NJOINT: Final = 75
 
 A_PRESCRIBED: Final = 0  # the motion of A is prescribed, B is free
 B_PRESCRIBED: Final = 1

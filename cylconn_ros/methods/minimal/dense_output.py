@@ -69,7 +69,7 @@ def write_row(par: Array, joint: Array, t: float, y: Array, s: ContactState, row
 def initial_coordinates(par: Array, sample: Array, joint: Array, y: Array) -> None:
     """Fill ``joint`` (NJOINT,) and ``y`` from the first sample (NSAMPLE,) and imposed motions."""
     mem = np.zeros(model.NMEM)
-    observed = measure(par, mem, sample, np.zeros(layout.NOUT))
+    observed = measure(par, mem, sample, 0.0, np.zeros(layout.NOUT))
     initial_state(par, mem, sample, observed, joint, y)
     apply_imposed_motion(par, joint, y)
 

@@ -18,6 +18,7 @@ from cylconn_ros.core.friction_disc import DiscSolution, solve_disc
 from cylconn_ros.core.jit import allocating_function, inline_function
 from cylconn_ros.core.joint_limits import ActiveLimits, Two, eliminate_limits, imposed_force
 from cylconn_ros.core.layout import FRICTIONLESS, SLIP, STICK
+from cylconn_ros.core.overlap import law_at
 from cylconn_ros.core.slip_curve import make_disc_problem
 from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.traction import least_traction
@@ -120,21 +121,21 @@ def instant_of(
     spring, damper, push = forces_on(par, joint, y)
     r = with_forces(r, push[0], push[1])
     if stuck:
-        return _stick(par, r, spring, damper, push, sides)
+        return _stick(par, joint, y, r, spring, damper, push, sides)
     if sides[0] != 0 or sides[1] != 0:
-        return _slip_at_limit(par, y, r, spring, damper, push, sides)
+        return _slip_at_limit(par, joint, y, r, spring, damper, push, sides)
     nothing = (0.0, 0.0)
-    return _slip(
-        par, y, r, spring, damper, push, ActiveLimits(r.free, r.s, nothing, (1.0, 0.0), (0.0, 1.0))
-    )
+    active = ActiveLimits(r.free, r.s, nothing, (1.0, 0.0), (0.0, 1.0))
+    return _slip(par, joint, y, r, spring, damper, push, active)
 
 
 @allocating_function
 def _stick(
-    par: Array, r: ReducedEquations, spring: Two, damper: Two, push: Two, sides: Sides
-) -> Instant:
+    par: Array, joint: Array, y: Array, r: ReducedEquations, spring: Two, damper: Two, push: Two,
+    sides: Sides,
+) -> Instant:  # fmt: skip
     """Stick: friction, stops or locks provide the forces that keep it at rest."""
-    law = model.law(par)
+    law = law_at(par, joint[coordinates.START], y[coordinates.LENGTH])
     x = eliminate_limits(r.free, r.s, (2, 2), (0.0, 0.0)).q0
     friction = (x[0] if sides[0] == 0 else 0.0, x[1] if sides[1] == 0 else 0.0)
     c = add4(r.base, along(r, x[0], x[1]))
@@ -149,15 +150,18 @@ def _stick(
 
 @allocating_function
 def _slip_at_limit(
-    par: Array, y: Array, r: ReducedEquations, spring: Two, damper: Two, push: Two, sides: Sides
-) -> Instant:
+    par: Array, joint: Array, y: Array, r: ReducedEquations, spring: Two, damper: Two, push: Two,
+    sides: Sides,
+) -> Instant:  # fmt: skip
     """Slip with a component at a limit."""
-    return _slip(par, y, r, spring, damper, push, eliminate_limits(r.free, r.s, sides, (0.0, 0.0)))
+    active = eliminate_limits(r.free, r.s, sides, (0.0, 0.0))
+    return _slip(par, joint, y, r, spring, damper, push, active)
 
 
 @inline_function
 def _slip(
     par: Array,
+    joint: Array,
     y: Array,
     r: ReducedEquations,
     spring: Two,
@@ -166,7 +170,7 @@ def _slip(
     active: ActiveLimits,
 ) -> Instant:
     """Slip: friction at its limit against the slip velocity."""
-    law = model.law(par)
+    law = law_at(par, joint[coordinates.START], y[coordinates.LENGTH])
     f, m, traction, jammed = 0.0, 0.0, 0.0, False
     v, w = y[coordinates.SLIDE], law.radius * y[coordinates.SPIN]
     slip = math.sqrt(v * v + w * w)
@@ -213,7 +217,7 @@ def regime_from_rest(
     par: Array, joint: Array, t: float, y: Array, sides: Sides, was_stick: bool
 ) -> tuple[int, Two]:
     """Regime from rest, and the acceleration (l'', alpha'') of breakaway."""
-    law = model.law(par)
+    law = law_at(par, joint[coordinates.START], y[coordinates.LENGTH])
     _, _, push = forces_on(par, joint, y)
     r = with_forces(equations(par, joint, t, y), push[0], push[1])
     active = eliminate_limits(r.free, r.s, sides, (0.0, 0.0))

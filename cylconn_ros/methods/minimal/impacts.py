@@ -11,6 +11,7 @@ from cylconn_ros.core import model
 from cylconn_ros.core.friction import Array, without_preload
 from cylconn_ros.core.jit import allocating_function
 from cylconn_ros.core.joint_limits import Two, eliminate_limits
+from cylconn_ros.core.overlap import law_at
 from cylconn_ros.core.rigid_body import Motion
 from cylconn_ros.core.vectors import add, add_scaled, cross, into, matrix, out_of, times
 from cylconn_ros.methods.minimal import coordinates
@@ -68,10 +69,10 @@ def impose_rates(
 
 @allocating_function
 def _impact_impulse(
-    par: Array, y: Array, r: ReducedEquations, k: int, eps: float, others: Sides
+    par: Array, joint: Array, y: Array, r: ReducedEquations, k: int, eps: float, others: Sides
 ) -> tuple[Two, Two]:
     """(f1, m1) dt and the friction impulse, for an impact of component k with restitution eps."""
-    law = model.law(par)
+    law = law_at(par, joint[coordinates.START], y[coordinates.LENGTH])
     rate = -eps * y[coordinates.SLIDE + k]
     sides = (1, others[1]) if k == 0 else (others[0], 1)
     target = (rate, y[coordinates.SPIN]) if k == 0 else (y[coordinates.SLIDE], rate)
@@ -104,7 +105,7 @@ def impact(
     r = eliminate_constraint(delassus_at(par, p), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     before = (y[coordinates.SLIDE], y[coordinates.SPIN])
     low, high, acting = 0.0, eps, eps
-    x, friction = _impact_impulse(par, y, r, k, eps, others)
+    x, friction = _impact_impulse(par, joint, y, r, k, eps, others)
     for _ in range(BISECTIONS):
         d1, d2 = r.s[0] * x[0] + r.s[1] * x[1], r.s[1] * x[0] + r.s[2] * x[1]
         work = x[0] * (before[0] + 0.5 * d1) + x[1] * (before[1] + 0.5 * d2)
@@ -115,7 +116,7 @@ def impact(
         if low == eps or high - low <= 1e-15 * eps or eps == 0.0:
             break
         acting = 0.5 * (low + high)
-        x, friction = _impact_impulse(par, y, r, k, acting, others)
+        x, friction = _impact_impulse(par, joint, y, r, k, acting, others)
     apply_impulse(par, joint, t, y, n, x, friction)
     y[coordinates.SLIDE + k] = -acting * before[k]
     return acting

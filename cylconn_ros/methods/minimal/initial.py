@@ -79,6 +79,8 @@ def initial_state(
     joint[coordinates.SPRING_REFERENCE] = model.value_or(par[ref + 2], mem[model.LENGTH0])
     joint[coordinates.SPRING_REFERENCE + 1] = model.value_or(par[ref + 3], mem[model.ANGLE0])
 
+    joint[coordinates.START] = mem[model.LENGTH0]
+
     y[coordinates.LENGTH], y[coordinates.ANGLE] = o.length, o.angle
     y[coordinates.SLIDE], y[coordinates.SPIN] = o.twist.v[0], o.twist.w[0]
     if mode == coordinates.BOTH_FREE:
