@@ -149,11 +149,11 @@ def sum_residual(out: Array) -> Array:
 def contact_residual(p: Parameters, out: Array) -> Array:
     """Residual (n,): Fr, Mbend, Fbend and FN follow from the reported wrench."""
     rows = []
-    parts_of = contact(p, out[:, layout.FORCE : layout.MOMENT], _moment(out))
+    force, moment = out[:, layout.FORCE : layout.MOMENT], _moment(out)
+    parts_of = contact(p, force, moment)
+    sizes = contact(p, np.abs(force), np.abs(moment), sizes=True)
     names = (layout.RADIAL_FORCE, layout.BENDING_MOMENT, layout.BENDING_FORCE, layout.NORMAL_FORCE)
-    for at, value in zip(names, parts_of, strict=True):
-        terms = (
-            value if at != layout.NORMAL_FORCE else parts_of[0] + parts_of[2] + np.abs(p.preload)
-        )
+    for at, value, size in zip(names, parts_of, sizes, strict=True):
+        terms = size if at != layout.NORMAL_FORCE else sizes[0] + sizes[2] + np.abs(p.preload)
         rows.append(ratio(out[:, at] - value, terms))
     return np.asarray(np.max(rows, axis=0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,12 +13,38 @@ from cylconn_ros.laws.parameters import Parameters, Table
 Array = NDArray[np.float64]
 
 
-def contact(p: Parameters, force: Array, moment: Array) -> tuple[Array, Array, Array, Array]:
-    """Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (..., n, 3) force, moment."""
+def contact(
+    p: Parameters, force: Array, moment: Array, sizes: bool = False
+) -> tuple[Array, Array, Array, Array]:
+    """Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (..., n, 3) force, moment.
+
+    Mbend is about the middle of the contact, p.centre before node b: M + centre e1 x F. sizes:
+    force and moment are sizes, which add up.
+    """
     radial = np.hypot(force[..., 1], force[..., 2])
-    bending = np.hypot(moment[..., 1], moment[..., 2])
+    about2 = moment[..., 1] - p.centre * force[..., 2]
+    about3 = moment[..., 2] + p.centre * force[..., 1]
+    if sizes:
+        about2 = moment[..., 1] + np.abs(p.centre) * force[..., 2]
+        about3 = moment[..., 2] + np.abs(p.centre) * force[..., 1]
+    bending = np.hypot(about2, about3)
     lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
     return radial, bending, lever * bending, np.abs(radial + lever * bending + p.preload)
+
+
+def at_contact(p: Parameters, length: Array, start: Array) -> Parameters:
+    """The parameters with overlap and middle of the contact at the slide (n,) ``length``, m.
+
+    start: (n,) slide of the reference configuration, m.
+    """
+    moved = length - np.where(np.isnan(p.overlap_at), start, p.overlap_at)
+    overlap = np.clip(p.overlap + p.overlap_slope * moved, p.overlap_min, p.overlap_max)
+    changes = (p.overlap > 0.0) & p.on & ((p.overlap_slope != 0.0) | (p.centre_slope != 0.0))
+    return dataclasses.replace(
+        p,
+        overlap=np.where(changes, overlap, p.overlap),
+        centre=np.where(changes, p.centre_slope * moved, 0.0),
+    )
 
 
 def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:

@@ -66,7 +66,13 @@ class Parameters(Rows):
     decay: Array
     cap: Array
     radius: Array  # 1 without friction
-    overlap: Array
+    overlap: Array  # as given; of a checked sample, its own (friction.at_contact)
+    overlap_slope: Array  # of the overlap over the slide
+    overlap_at: Array  # slide at which it is the one given; NaN: the reference configuration
+    overlap_min: Array
+    overlap_max: Array
+    centre_slope: Array  # of the contact's middle over the slide
+    centre: Array  # of a checked sample: middle of the contact before node b
     preload: Array
     table: Array  # (n,) index into the tables; -1: none
     explicit: Bools  # semi-implicit plant
@@ -143,6 +149,12 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         cap=_column([f.max_force for f in friction]),
         radius=_column([1.0 if math.isnan(f.radius) else f.radius for f in friction]),
         overlap=_column([f.overlap for f in friction]),
+        overlap_slope=_column([_SLOPES[f.overlap_change] for f in friction]),
+        overlap_at=_column([f.overlap_at for f in friction]),
+        overlap_min=_column([f.overlap_min for f in friction]),
+        overlap_max=_column([f.overlap_max for f in friction]),
+        centre_slope=_column([_centre_slope(f) for f in friction]),
+        centre=np.zeros(len(scenes)),
         preload=_column([f.preload for f in friction]),
         table=np.where(has_table, np.cumsum(has_table) - 1, -1),
         explicit=np.array([s.plant_integration == "semi_implicit" for s in scenes]),
@@ -161,6 +173,16 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         command=np.array([_command(s) for s in scenes]),
         drive=np.array([_drive(s) for s in scenes]),
     )
+
+
+_SLOPES = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}
+
+
+def _centre_slope(friction: Friction) -> float:
+    """0 if B carries the contact's middle, 1 if A does, 1/2 between them."""
+    auto = "body_b" if friction.overlap_change == "constant" else "between"
+    of = auto if friction.contact_centre == "auto" else friction.contact_centre
+    return {"body_b": 0.0, "between": 0.5, "body_a": 1.0}[of]
 
 
 def _stops(scene: Scene) -> list[list[float]]:

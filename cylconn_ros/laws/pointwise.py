@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.friction import contact, limit
+from cylconn_ros.laws.friction import at_contact, contact, limit
 from cylconn_ros.laws.normalised import ratio, worst
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of, tables_of, world
 from cylconn_ros.laws.sample_state import Motion, motion
@@ -31,6 +31,7 @@ def check(scene: Scene) -> tuple[dict[str, Array], float]:
     times = np.linspace(0.0, scene.plant.duration, INSTANTS)
     found = solve(scene, times=times)
     p = parameters_of([scene]).take(np.zeros(INSTANTS, dtype=np.intp))
+    p = at_contact(p, found.length, found.length[:1])
     residuals = _friction(p, scene, found)
     events = np.isin(
         times, [event.time for event in found.events]

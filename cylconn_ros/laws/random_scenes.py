@@ -278,6 +278,24 @@ def _friction(rng: Random, kind: str, weight: float, arm: float) -> dict[str, An
         values["table"] = _table(rng, mu, weight)
     if rng.random() < 0.2:
         values["max_force"] = float(weight * decades(rng, -2.0, 3.0))
+    if values["overlap"] > 0.0:
+        values |= _overlap(np.random.default_rng(hash((mu, overlap)) % 2**32), overlap)
+    return values
+
+
+def _overlap(rng: Random, overlap: float) -> dict[str, Any]:
+    """A fifth of the overlaps change, and the middle of a contact in four moves."""
+    values: dict[str, Any] = {}
+    if rng.random() < 0.25:
+        values["contact_centre"] = str(rng.choice(["body_a", "between", "body_b"]))
+    if rng.random() < 0.2:
+        values |= {
+            "overlap_change": str(rng.choice(["increasing", "decreasing"])),
+            "overlap_min": overlap * float(decades(rng, -2.0, 0.0)),
+            "overlap_max": overlap * float(decades(rng, 0.0, 2.0)),
+        }
+    if values and rng.random() < 0.5:
+        values["overlap_at"] = overlap * float(rng.normal())
     return values
 
 

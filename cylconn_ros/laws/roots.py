@@ -210,8 +210,8 @@ def _cancellation(q: Problem, phi: Array) -> Array:
     at = q.base + rigid.out_of(q.by, phi)
     size = np.abs(q.base) + rigid.out_of(np.abs(q.by), np.abs(phi))
     normal, terms = (
-        contact(p, np.column_stack([none, f[:, :2]]), np.column_stack([none, f[:, 2:]]))
-        for f in (at, size)
+        contact(p, np.column_stack([none, f[:, :2]]), np.column_stack([none, f[:, 2:]]), sizes)
+        for f, sizes in ((at, False), (size, True))
     )
     greatest = terms[0] + terms[2] + np.abs(p.preload)
     return np.asarray(greatest / np.maximum(normal[3], 1e-300))
@@ -222,8 +222,8 @@ def _reaction_rounding(q: Problem, phi: Array) -> Array:
     p, none = q.parameters, np.zeros(len(phi))
     at = q.base + rigid.out_of(q.by, phi)
     normal, terms = (
-        contact(p, np.column_stack([none, f[:, :2]]), np.column_stack([none, f[:, 2:]]))
-        for f in (at, q.base_size)
+        contact(p, np.column_stack([none, f[:, :2]]), np.column_stack([none, f[:, 2:]]), sizes)
+        for f, sizes in ((at, False), (q.base_size, True))
     )
     return np.asarray((terms[0] + terms[2]) / np.maximum(normal[3], 1e-300))
 

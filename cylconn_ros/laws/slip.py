@@ -126,6 +126,7 @@ def reported_friction(block: Block, reactions: Array) -> ReportedFriction:
         p,
         np.column_stack([none, np.maximum(reactions[:, :2], np.abs(force[:, 1:]))]),
         np.column_stack([none, np.maximum(reactions[:, 2:], np.abs(moment[:, 1:]))]),
+        sizes=True,
     )
     return ReportedFriction(phi, rigid.norm(phi), normal, sizes[0] + sizes[2] + np.abs(p.preload))
 
