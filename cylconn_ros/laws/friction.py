@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.laws.parameters import Parameters, Table
+from cylconn_ros.laws.sample_state import SampleState
 
 Array = NDArray[np.float64]
 
@@ -19,31 +20,43 @@ def contact(
     """Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (..., n, 3) force, moment.
 
     Mbend is about the middle of the contact, p.centre before node b: M + centre e1 x F. sizes:
-    force and moment are sizes, which add up.
+    force and moment are sizes, which add up, and overlap and centre have theirs.
     """
     radial = np.hypot(force[..., 1], force[..., 2])
     about2 = moment[..., 1] - p.centre * force[..., 2]
     about3 = moment[..., 2] + p.centre * force[..., 1]
-    if sizes:
-        about2 = moment[..., 1] + np.abs(p.centre) * force[..., 2]
-        about3 = moment[..., 2] + np.abs(p.centre) * force[..., 1]
-    bending = np.hypot(about2, about3)
     lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
+    if sizes:
+        about2 = moment[..., 1] + p.centre_size * force[..., 2]
+        about3 = moment[..., 2] + p.centre_size * force[..., 1]
+        lever = lever * p.overlap_size
+    bending = np.hypot(about2, about3)
     return radial, bending, lever * bending, np.abs(radial + lever * bending + p.preload)
 
 
-def at_contact(p: Parameters, length: Array, start: Array) -> Parameters:
+def at_sample(p: Parameters, o: SampleState) -> Parameters:
+    """The parameters with overlap and middle of the contact in the step of a sample."""
+    ahead = np.where(p.explicit, 0.0, 0.5 * p.h * o.w[:, 0])
+    size = np.abs(o.position[:, 0]) + np.abs(ahead)
+    return at_contact(p, o.position[:, 0] + ahead, o.start[:, 0], size)
+
+
+def at_contact(p: Parameters, length: Array, start: Array, size: Array) -> Parameters:
     """The parameters with overlap and middle of the contact at the slide (n,) ``length``, m.
 
-    start: (n,) slide of the reference configuration, m.
+    start: (n,) slide of the reference configuration, m. size: of the terms of ``length``.
     """
-    moved = length - np.where(np.isnan(p.overlap_at), start, p.overlap_at)
+    given = np.where(np.isnan(p.overlap_at), start, p.overlap_at)
+    moved, terms = length - given, size + np.abs(given)
     overlap = np.clip(p.overlap + p.overlap_slope * moved, p.overlap_min, p.overlap_max)
     changes = (p.overlap > 0.0) & p.on & ((p.overlap_slope != 0.0) | (p.centre_slope != 0.0))
+    share = (p.overlap + np.abs(p.overlap_slope) * terms) / np.where(changes, overlap, 1.0)
     return dataclasses.replace(
         p,
         overlap=np.where(changes, overlap, p.overlap),
+        overlap_size=np.where(changes, np.maximum(share, 1.0), 1.0),
         centre=np.where(changes, p.centre_slope * moved, 0.0),
+        centre_size=np.where(changes, p.centre_slope * terms, 0.0),
     )
 
 

@@ -73,6 +73,8 @@ class Parameters(Rows):
     overlap_max: Array
     centre_slope: Array  # of the contact's middle over the slide
     centre: Array  # of a checked sample: middle of the contact before node b
+    overlap_size: Array  # terms of the overlap over the overlap, 1 or more
+    centre_size: Array
     preload: Array
     table: Array  # (n,) index into the tables; -1: none
     explicit: Bools  # semi-implicit plant
@@ -155,6 +157,8 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         overlap_max=_column([f.overlap_max for f in friction]),
         centre_slope=_column([_centre_slope(f) for f in friction]),
         centre=np.zeros(len(scenes)),
+        overlap_size=np.ones(len(scenes)),
+        centre_size=np.zeros(len(scenes)),
         preload=_column([f.preload for f in friction]),
         table=np.where(has_table, np.cumsum(has_table) - 1, -1),
         explicit=np.array([s.plant_integration == "semi_implicit" for s in scenes]),

@@ -31,7 +31,7 @@ def check(scene: Scene) -> tuple[dict[str, Array], float]:
     times = np.linspace(0.0, scene.plant.duration, INSTANTS)
     found = solve(scene, times=times)
     p = parameters_of([scene]).take(np.zeros(INSTANTS, dtype=np.intp))
-    p = at_contact(p, found.length, found.length[:1])
+    p = at_contact(p, found.length, found.length[:1], np.abs(found.length))
     residuals = _friction(p, scene, found)
     events = np.isin(
         times, [event.time for event in found.events]

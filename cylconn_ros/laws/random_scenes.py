@@ -94,6 +94,8 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         values["command"] = {name: _force(more, weight) for name in ("slide", "spin")}
     elif more.random() < (0.25 if kind == "roots" else 0.5):
         _bound(more, values, weight, reach)
+    if values["friction"].get("overlap", 0.0) > 0.0:
+        values["friction"] |= _overlap(generator(seed, number, 2), values["friction"]["overlap"])
     return Scene.from_parameters(values)
 
 
@@ -278,8 +280,6 @@ def _friction(rng: Random, kind: str, weight: float, arm: float) -> dict[str, An
         values["table"] = _table(rng, mu, weight)
     if rng.random() < 0.2:
         values["max_force"] = float(weight * decades(rng, -2.0, 3.0))
-    if values["overlap"] > 0.0:
-        values |= _overlap(np.random.default_rng(hash((mu, overlap)) % 2**32), overlap)
     return values
 
 

@@ -7,7 +7,6 @@ to the sample.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -18,7 +17,6 @@ from cylconn_ros.laws import never_gains
 from cylconn_ros.laws.balance import component_residual, wrench_residual
 from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
 from cylconn_ros.laws.explicit_methods import augmented_lagrangian, baumgarte, penalty
-from cylconn_ros.laws.friction import at_contact
 from cylconn_ros.laws.guarantees import guaranteed_laws
 from cylconn_ros.laws.impact_friction import ImpactFriction, impact_friction
 from cylconn_ros.laws.normalised import TOLERANCE, Block, ratio, worst
@@ -43,9 +41,6 @@ def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict
     """
     p = block.parameters
     o = state_of(p, block.sample, block.past)
-    middle = o.position[:, 0] + np.where(p.explicit, 0.0, 0.5 * p.h * o.w[:, 0])
-    p = at_contact(p, middle, o.start[:, 0])
-    block = dataclasses.replace(block, parameters=p)
     s = prepare_step(p, o, block.sample, block.others)
     found = RESIDUALS[method](block, o, s)
     if "never_gains" in guaranteed_laws(method):

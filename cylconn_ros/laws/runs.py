@@ -27,6 +27,7 @@ from cylconn_ros.laws.bounds import (
     motion_bounds,
     next_bounds_history,
 )
+from cylconn_ros.laws.friction import at_sample
 from cylconn_ros.laws.guarantees import title
 from cylconn_ros.laws.normalised import TOLERANCE, Block
 from cylconn_ros.laws.parameters import Parameters, parameters_of, tables_of, with_period
@@ -97,6 +98,7 @@ class RunSamples:
         tables = tables_of([self.scene])
         others = None if self.others is None else self.others[low:high]
         past, near = _history(p, one, tables, sample, out, self.since[low:high], others)
+        p = at_sample(p, state_of(p, sample, past))
         return Block(p, tables, sample, out, past, others, near)
 
 
@@ -222,7 +224,7 @@ def _history(
         _set_elastic_slip(p, sample, out, past)
     if not one.bounded[0]:
         return past, None
-    return _with_bounds(p, tables, sample, out, past, others)
+    return _with_bounds(at_sample(p, o), tables, sample, out, past, others)
 
 
 def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -> None:

@@ -19,6 +19,7 @@ from cylconn_ros.core import layout
 from cylconn_ros.laws import elastic, random_scenes, random_states, rigid
 from cylconn_ros.laws.balance import applied_wrench
 from cylconn_ros.laws.bounds import next_bounds_history
+from cylconn_ros.laws.friction import at_sample
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import parameters_of, tables_of
 from cylconn_ros.laws.predicted_end import prepare_step
@@ -95,7 +96,7 @@ def blocks(
             connector.memory = memory[row]
             connector.step(sample[row], out=out[row])
             memory[row] = connector.memory
-        block = Block(p, tables, sample, out, past)
+        block = Block(at_sample(p, state_of(p, sample, past)), tables, sample, out, past)
         yield SampledBlock(block, np.asarray(numbers)[of], chain, np.full(len(of), index))
         sample, past = _next(rng, block, names)
 
