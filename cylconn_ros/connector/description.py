@@ -75,6 +75,8 @@ def _friction(friction: Friction) -> str:
     text = f"friction {mu}, radius {show(friction.radius)} m"
     if friction.overlap > 0.0:
         text += f", overlap {show(friction.overlap)} m"
+        if friction.overlap_change != "constant":
+            text += f" {friction.overlap_change} with the slide"
     if friction.preload != 0.0:
         text += f", preload {show(friction.preload)} N"
     if math.isfinite(friction.max_force):

@@ -37,7 +37,7 @@ def contact(
 def at_sample(p: Parameters, o: SampleState) -> Parameters:
     """The parameters with overlap and middle of the contact in the step of a sample."""
     ahead = np.where(p.explicit, 0.0, 0.5 * p.h * o.w[:, 0])
-    size = np.abs(o.position[:, 0]) + np.abs(ahead)
+    size = o.position_size[:, 0] + np.where(p.explicit, 0.0, 0.5 * p.h * o.w_size[:, 0])
     return at_contact(p, o.position[:, 0] + ahead, o.start[:, 0], size)
 
 

@@ -195,6 +195,13 @@ def solution_problems(
         yield Problem(WARN, "gains", _lowered_gains(connector))
     if flags & layout.DRIVE_BLOCKED:
         yield from _blocked_drives(connector, health)
+    if flags & layout.DISENGAGED:
+        text = (
+            f"shaft and sleeve have come apart: overlap below friction.overlap_min "
+            f"({scene.friction.overlap_min:g} m), where it is held; set stops.l_min or stops.l_max "
+            "so that they stay together"
+        )
+        yield Problem(WARN, "disengaged", text)
     if flags & layout.INTEGRATION:
         seen = _INTEGRATION[scene.plant_integration]
         text = (

@@ -1,0 +1,161 @@
+"""An overlap that changes with the slide, and the moving middle of the contact.
+
+References: the equation of one sleeve on a fixed shaft, integrated by SciPy up to its stop. Under
+the weight m g across the slot, the moment M about the vertical and the pull F along it
+
+    FN = m g + 2/L sqrt(M^2 + (d m g)^2),    m l'' = F - mu FN
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import cylconn_ros as cr
+from cylconn_ros.core import layout
+from cylconn_ros.laws.runs import first_violation
+from cylconn_ros.simulation.simulate import simulate
+
+MASS, G, MU, L0 = 2.0, 9.81, 0.1, 0.2
+KAPPA = {"body_b": 0.0, "between": 0.5, "body_a": 1.0}
+SIGMA = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}
+
+
+def drawer(
+    change: str, centre: str, pull: float = 10.0, moment: float = -1.962, **friction: Any
+) -> cr.Scene:
+    """A drawer that is pulled beside its rail."""
+    return cr.Scene.from_parameters(
+        {
+            "period": 1e-3,
+            "latency": 0,
+            "body_b": {"kind": "free", "mass": MASS,
+                       "inertia": [0.0016, 0.0, 0.0, 0.0022, 0.0, 0.0022]},
+            "node_a": {"orientation": [0.0, 0.0, 0.0, 1.0]},
+            "friction": {"coefficient": MU, "radius": 0.01, "overlap": L0,
+                         "overlap_change": change, "contact_centre": centre} | friction,
+            "plant": {"body_b": {"load": [pull, 0.0, 0.0, 0.0, 0.0, moment]}},
+        }
+    )  # fmt: skip
+
+
+def slid(
+    change: str, centre: str, duration: float, pull: float = 10.0, moment: float = -1.962
+) -> tuple[float, float]:
+    """Slide at the end and time of the stop; infinite if it still slides."""
+
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        overlap = L0 + SIGMA[change] * y[0]
+        bending = 2.0 / overlap * math.hypot(moment, KAPPA[centre] * y[0] * MASS * G)
+        return [y[1], (pull - math.copysign(MU * (MASS * G + bending), pull)) / MASS]
+
+    def stops(_: float, y: np.ndarray) -> float:
+        return y[1] * math.copysign(1.0, pull)
+
+    stops.terminal, stops.direction = True, -1.0  # type: ignore[attr-defined]
+    begin = [0.0, math.copysign(1e-300, pull)]
+    found = solve_ivp(rate, (0.0, duration), begin, events=stops, rtol=1e-12, atol=1e-15)
+    end = found.t_events[0][0] if len(found.t_events[0]) and found.t[-1] > 0.01 else math.inf
+    return float(found.y[0, -1]), float(end)
+
+
+@pytest.mark.parametrize("centre", KAPPA)
+def test_a_drawer_binds_as_it_is_pulled_out(centre: str) -> None:
+    """Minimal to its tolerance; impulse with second order up to the stop."""
+    place, end = slid("decreasing", centre, 0.5)
+    assert 0.36 < end < 0.45
+    scene = drawer("decreasing", centre, overlap_min=1e-4)
+    exact = cr.simulate(scene.replace({"method": "minimal"}), duration=0.5)
+    assert exact["displacement"][-1] == pytest.approx(place, abs=1e-9)
+    assert exact["velocity"][-1, 0] == 0.0
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        run = cr.simulate(scene.replace({"period": h}), duration=0.3)
+        at = cr.simulate(scene.replace({"period": h, "method": "minimal"}), duration=0.3)
+        errors.append(abs(run["displacement"][-1] - at["displacement"][-1]))
+        stopped = cr.simulate(scene.replace({"period": h}), duration=0.5)
+        assert stopped["displacement"][-1] == pytest.approx(place, abs=4e-4 * h / 1e-3)
+        assert abs(stopped["velocity"][-1, 0]) < 1e-15
+        assert stopped["regime"][-1] == layout.STICK
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(orders > 1.9)
+
+
+def test_the_published_drawer_binds_where_the_closed_form_says() -> None:
+    """With the middle of the contact fixed in B: 0.1964 m after 0.396 s."""
+    place, end = slid("decreasing", "body_b", 0.5)
+    assert (round(place, 4), round(end, 3)) == (0.1964, 0.396)
+
+
+@pytest.mark.parametrize("method", ["impulse", "penalty", "augmented_lagrangian", "baumgarte"])
+def test_a_rod_that_is_pushed_in_frees_itself(method: str) -> None:
+    """Every method: a constant overlap binds at once, an increasing one slides ever faster."""
+    place, _ = slid("increasing", "between", 0.4, pull=6.5)
+    scene = drawer("increasing", "between", pull=6.5)
+    gains = {"method": method, "penalty.stiffness": 1e6, "penalty.damping": 1200.0,
+             "penalty.stick_stiffness": 1e5}  # fmt: skip
+    assert place > 0.1
+    run = cr.simulate(scene.replace(gains if "l" in method[:5] else {"method": method}),
+                      duration=0.4)  # fmt: skip
+    assert run["displacement"][-1] == pytest.approx(place, rel=1e-3)
+
+
+@pytest.mark.parametrize("change", ["increasing", "decreasing"])
+def test_observe_sees_the_coefficient_along_the_motion(change: str) -> None:
+    scene = drawer(change, "between", overlap_min=1e-4)
+    moved = simulate(scene.replace({"method": "minimal"}), 0.35)
+    observer = cr.Connector(scene.replace({"method": "observe"}))
+    rows = np.zeros((len(moved.states), layout.NSAMPLE))
+    rows[:, layout.MOTION], rows[:, layout.LOADS] = moved.states, moved.plant.loads
+    seen = observer.run(rows)
+    sliding = seen[:, layout.SLIP_RATE] > 0.05
+    assert sliding.sum() > 200
+    assert np.abs(seen[sliding, layout.FRICTION_COEFFICIENT] - MU).max() < 2e-4
+
+
+@pytest.mark.parametrize("integration", ["exact", "semi_implicit"])
+@pytest.mark.parametrize("centre", KAPPA)
+@pytest.mark.parametrize("change", ["increasing", "decreasing"])
+def test_the_laws_hold(change: str, centre: str, integration: str) -> None:
+    scene = drawer(change, centre, overlap_min=1e-4).replace(
+        {"plant_integration": integration, "plant.body_b.twist": [0.3, 0, 0, 4.0, 0, 0],
+         "body_b.com": [0.02, 0.01, 0.0], "stops.l_max": 0.1, "stops.restitution": 0.5}
+    )  # fmt: skip
+    run = simulate(scene, 0.3)
+    loads = tuple(float(x) for x in run.plant.loads)
+    violated = first_violation(scene, run.states, run.outs, loads)
+    assert violated == ""
+
+
+def test_what_comes_apart_is_flagged_and_a_full_insertion_ends_the_change() -> None:
+    scene = drawer("decreasing", "body_b", moment=0.0, overlap_min=0.15)
+    run = cr.simulate(scene, duration=0.3)
+    apart = (run["flags"].astype(int) & layout.DISENGAGED) != 0
+    middle = run["displacement"] + 0.5e-3 * run["velocity"][:, 0]
+    assert np.array_equal(apart, middle > 0.05 + 1e-12)
+    assert apart.any()
+    assert not apart.all()
+    bent = drawer("increasing", "body_b", pull=12.0, overlap_max=0.21)
+    outs = cr.simulate(bent, duration=0.4)
+    inserted = outs["displacement"] > 0.0101
+    lever = outs["bending_force"][inserted] / outs["bending_moment"][inserted]
+    assert inserted.any()
+    assert lever == pytest.approx(2.0 / 0.21, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"overlap": 0.0}, "overlap_change = 'decreasing': needs friction.overlap > 0"),
+        ({"overlap_min": 0.3}, r"must be from friction.overlap_min \(0.3 m\)"),
+        ({"overlap_max": 0.1}, r"to friction.overlap_max \(0.1 m\) if it changes"),
+        ({"overlap_min": -0.1}, r"overlap_min = -0.1: must be a number > 0"),
+    ],
+)
+def test_impossible_overlaps_are_refused(changes: dict[str, float], words: str) -> None:
+    with pytest.raises(cr.SceneError, match=words):
+        drawer("decreasing", "body_b", **changes)
