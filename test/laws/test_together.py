@@ -58,6 +58,9 @@ def _checked(runs: dict[str, RunSamples]) -> LawSummary:
 
 CASES = {
     "slides": (_rails((40.0, 0.0, 0.0, 0.0, 0.0, -2.0)), 200),
+    "overlap that changes": (
+        _rails((40.0, 0.0, 0.0, 0.0, 0.0, -2.0), friction=cr.Friction(
+            coefficient=0.2, radius=0.01, overlap=0.1, overlap_change="decreasing")), 200),
     "stuck": (_rails((40.0, 0.0, 0.0, 0.0, 0.0, -9.2)), 50),
     "spring": (_rails((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.05, elasticity=cr.Elasticity(k1=300.0),
                       reference=cr.Reference(length=0.05)), 300),

@@ -17,11 +17,13 @@ from scipy.integrate import solve_ivp
 
 import cylconn_ros as cr
 from cylconn_ros.core import layout
-from cylconn_ros.laws.runs import first_violation
+from cylconn_ros.laws import residuals
+from cylconn_ros.laws.runs import simulated
 from cylconn_ros.simulation.simulate import simulate
 
 MASS, G, MU, L0 = 2.0, 9.81, 0.1, 0.2
 KAPPA = {"body_b": 0.0, "between": 0.5, "body_a": 1.0}
+ELASTIC = ("penalty", "augmented_lagrangian")
 SIGMA = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}
 
 
@@ -91,17 +93,24 @@ def test_the_published_drawer_binds_where_the_closed_form_says() -> None:
     assert (round(place, 4), round(end, 3)) == (0.1964, 0.396)
 
 
-@pytest.mark.parametrize("method", ["impulse", "penalty", "augmented_lagrangian", "baumgarte"])
-def test_a_rod_that_is_pushed_in_frees_itself(method: str) -> None:
-    """Every method: a constant overlap binds at once, an increasing one slides ever faster."""
-    place, _ = slid("increasing", "between", 0.4, pull=6.5)
-    scene = drawer("increasing", "between", pull=6.5)
-    gains = {"method": method, "penalty.stiffness": 1e6, "penalty.damping": 1200.0,
-             "penalty.stick_stiffness": 1e5}  # fmt: skip
-    assert place > 0.1
-    run = cr.simulate(scene.replace(gains if "l" in method[:5] else {"method": method}),
-                      duration=0.4)  # fmt: skip
-    assert run["displacement"][-1] == pytest.approx(place, rel=1e-3)
+@pytest.mark.parametrize(
+    ("method", "tolerance"),
+    [("impulse", 1e-5), ("baumgarte", 1e-3), ("penalty", 4e-3), ("augmented_lagrangian", 4e-3)],
+)
+def test_a_rod_that_is_pushed_in_slides_farther(method: str, tolerance: float) -> None:
+    """Beside the same rod with a constant overlap: a method's own error at the start drops out."""
+    gains = {
+        "penalty.stiffness": 1e5, "penalty.damping": 300.0, "penalty.rotational_stiffness": 200.0,
+        "penalty.rotational_damping": 0.6, "penalty.stick_stiffness": 1e4,
+    }  # fmt: skip
+    gains = gains if method in ELASTIC else {}
+    places, expected = [], []
+    for change in ("increasing", "constant"):
+        scene = drawer(change, "between", pull=6.5).replace({"method": method} | gains)
+        places.append(cr.simulate(scene, duration=0.4)["displacement"][-1])
+        expected.append(slid(change, "between", 0.4, pull=6.5)[0])
+    assert places[0] / places[1] == pytest.approx(expected[0] / expected[1], rel=tolerance)
+    assert expected[0] > 1.05 * expected[1]
 
 
 @pytest.mark.parametrize("change", ["increasing", "decreasing"])
@@ -127,8 +136,12 @@ def test_the_laws_hold(change: str, centre: str, integration: str) -> None:
     )  # fmt: skip
     run = simulate(scene, 0.3)
     loads = tuple(float(x) for x in run.plant.loads)
-    violated = first_violation(scene, run.states, run.outs, loads)
-    assert violated == ""
+    samples = simulated(scene, "impulse", run.states, run.outs, loads)
+    for block, _ in samples.blocks():
+        found = residuals.check(block)
+        assert {
+            law: worst for law, r in found.items() if (worst := np.max(np.nan_to_num(r))) > 1e-12
+        } == {}
 
 
 def test_what_comes_apart_is_flagged_and_a_full_insertion_ends_the_change() -> None:
