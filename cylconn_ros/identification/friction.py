@@ -42,7 +42,9 @@ from cylconn_ros.identification.likelihood.kinetic import KineticFit, fit_law
 from cylconn_ros.identification.likelihood.law import COEFFICIENT, NAMES, FrictionLaw, slip
 from cylconn_ros.identification.likelihood.patterns import (
     Pattern,
+    Residuals,
     find_patterns,
+    residuals_of,
     unexplained_spread,
 )
 from cylconn_ros.identification.likelihood.selection import BASE, Choice, choose
@@ -80,6 +82,7 @@ class Identification:
         static: static friction.
         choice: terms of the model, those left out with the reason, and alternatives.
         patterns: residuals over rate, direction, load, place and time, most significant first.
+        residuals: of the windows, N, with the quantities of the windows.
         doubts: errors of the sensors for which the estimates are withheld, with the remedy.
         remarks: errors of the sensors that were allowed for.
     """
@@ -103,6 +106,7 @@ class Identification:
     static: static.StaticFriction = dataclasses.field(repr=False)
     choice: Choice = dataclasses.field(repr=False)
     patterns: tuple[Pattern, ...] = dataclasses.field(repr=False)
+    residuals: Residuals = dataclasses.field(repr=False)
     doubts: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -155,7 +159,8 @@ def estimate_friction(
     choice = choose(data, loads, start, _free(known))
     fitted = choice.fitted
     _refuse_noise(choice)
-    patterns = find_patterns(data, fitted)
+    residuals = residuals_of(data, fitted)
+    patterns = find_patterns(data, fitted, residuals)
     coarse = _coarse_change(scene, samples, drive, fitted, max(taken, 1))
     rest = static.estimate_static(measured, segments, fitted)
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
@@ -195,6 +200,7 @@ def estimate_friction(
         static=rest,
         choice=choice,
         patterns=tuple(patterns),
+        residuals=residuals,
         doubts=doubts,
         remarks=remarks,
     )

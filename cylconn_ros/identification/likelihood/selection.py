@@ -67,6 +67,7 @@ class Choice(NamedTuple):
     left_out: dict[str, str]  # the others, with the reason
     alternatives: dict[str, str]  # terms that are in, with the one that would do as well
     held: dict[str, str]  # preload, overlap or radius, with the reason why they are not estimated
+    steps: tuple[tuple[tuple[str, ...], KineticFit], ...]  # terms and fit, from Coulomb to the last
 
 
 def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list[int]) -> Choice:
@@ -77,6 +78,7 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
     fitted, held = fit_excited(data, loads, start, free)
     terms: list[str] = []
     reasons: dict[str, str] = {}
+    steps: list[tuple[tuple[str, ...], KineticFit]] = [((), fitted)]
     while True:
         best: tuple[float, str, KineticFit] | None = None
         for name in TERMS:
@@ -91,11 +93,14 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
             break
         _, name, fitted = best
         terms.append(name)
+        steps.append((tuple(terms), fitted))
     fitted, terms = _pruned(data, fitted, terms, reasons)
     fitted = _freed(data, fitted, held)
+    if fitted is not steps[-1][1]:
+        steps.append((tuple(terms), fitted))
     alternatives = _alternatives(data, fitted, terms)
     left = {name: reasons[name] for name in TERMS if name not in terms}
-    return Choice(fitted, tuple(terms), left, alternatives, held)
+    return Choice(fitted, tuple(terms), left, alternatives, held, tuple(steps))
 
 
 def criterion(fitted: KineticFit, n: int) -> float:
