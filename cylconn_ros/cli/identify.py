@@ -184,8 +184,8 @@ def _write_page(
     counts: Sequence[tuple[str, str]] = (),
 ) -> None:
     """Write the page of --report."""
-    files = [recorded.path, *options.others]
-    sources = [("recording", ", ".join(path.name for path in files))]
+    names = [_stem(path) for path in [options.recording[0], *options.others]]
+    sources = [("recording", ", ".join(names))]
     sources += [("connector", options.connector)] if options.connector else []
     sources += [("drive, not friction", options.drive)] if options.drive else []
     if options.params is not None:
@@ -194,7 +194,11 @@ def _write_page(
     else:
         parameters = recorded.metadata.get("parameters", "")
         sources.append(("parameters", "stored in the recording"))
-    write_page(options.report, files[0].name, found, facts, [*sources, *counts], parameters)
+    write_page(options.report, names[0], found, facts, [*sources, *counts], parameters)
+
+
+def _stem(path: Path) -> str:
+    return path.resolve().with_suffix("").name
 
 
 def _counts(found: Identification) -> list[tuple[str, str]]:

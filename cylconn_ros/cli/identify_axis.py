@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cylconn_ros.cli.identify_plots import residual_plot, sentence
+from cylconn_ros.cli.identify_plots import residual_plot, sentence, spread
 from cylconn_ros.cli.page_file import write_page
 from cylconn_ros.errors import CommandError, IdentifyError
 from cylconn_ros.recording.run import read_run
@@ -172,7 +172,8 @@ def axis_findings(found: AxisEstimate) -> Findings:
     for name, unit in zip(NAMES, UNITS, strict=True):
         value, low, high = found[name]
         good = found.determined(name)
-        known = f"± {50.0 * (high - low) / abs(value):.2g} %"
+        unit = unit.replace(".", "·")
+        known = spread(value, low, high, unit)
         shown = (f"{value:.5g} {unit}", f"{low:.5g} … {high:.5g} {unit}", known)
         withheld = ("–", "–", "withheld")
         rows.append([_MEANINGS[name], *(shown if good else withheld)])
@@ -281,6 +282,6 @@ def _steps(found: AxisEstimate) -> list[Plot]:
         height = np.array([len(names) - 1 - at for at, _ in rows], dtype=np.float64)
         column = np.array([values for _, values in rows])
         one = Series("", "blue", "means", column[:, 0], height, column[:, 1], column[:, 2])
-        label = f"{_TITLES[name].replace('mu', 'µ')} [{unit}]"
+        label = f"{_TITLES[name].replace('mu', 'µ')} [{unit.replace('.', '·')}]"
         plots.append(Plot(f"steps_{name}", label, label, "", [one], names=tuple(reversed(names))))
     return plots

@@ -13,6 +13,7 @@ from cylconn_ros.cli.identify_plots import (
     disc_plot,
     residual_plots,
     sentence,
+    spread,
     step_plots,
     traction_plot,
 )
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 MEANINGS = {
     "coefficient": ("µ", "kinetic friction coefficient"),
     "static_coefficient": ("µ static", "friction coefficient at break-away"),
-    "preload": ("FCint", "preload: normal force without any load"),
-    "overlap": ("L", "overlap length: arm of the bending moment"),
+    "preload": ("FCint", "preload, the normal force without any load"),
+    "overlap": ("L", "overlap length, the arm of the bending moment"),
     "radius": ("R", "radius at which the spin is resisted"),
     "c1": ("c1", "viscous friction of the slide"),
     "cr1": ("cr1", "viscous friction of the spin"),
@@ -34,8 +35,8 @@ MEANINGS = {
     "coefficient_negative": ("µ backward", "coefficient of a negative slide"),
     "direction": ("d", "half of the difference of µ between the directions, over their mean"),
     "offset": ("offset", "constant force that resists a positive slide"),
-    "stribeck": ("b", "Stribeck: (µ static - µ)/µ"),
-    "decay": ("dc", "Stribeck: rate of the decay with the slip rate"),
+    "stribeck": ("b", "Stribeck, (µ static - µ)/µ"),
+    "decay": ("dc", "Stribeck, decay with the slip rate"),
 }
 BASE = ("coefficient", "static_coefficient", "preload", "overlap", "radius")
 _LEAST_NOISE = 1e-7  # m/s; below, the sample period limits the accuracy and not a sensor
@@ -71,9 +72,9 @@ _LAW = (
 )
 _RESIDUALS = (
     "Measured friction minus that of the model. If the model holds, the group means (with 95 % "
-    "bars) scatter about zero whatever they are sorted by. A mean outside of the grey band that noise "
-    "does not explain is a pattern: friction then depends on that quantity in a way that the model "
-    "does not have, and no values are given."
+    "bars) scatter about zero whatever they are sorted by. A mean outside of the grey band that "
+    "noise does not explain is a pattern: friction then depends on that quantity in a way that the "
+    "model does not have, and no values are given."
 )
 _BEFORE = "Intervals before and after adding terms"
 _STEPS = (
@@ -162,20 +163,23 @@ def _value(e: Estimate) -> tuple[str, str, str]:
     if not e.found:
         value = f"({e.value:.5g} {unit})".replace(" )", ")") if math.isfinite(e.value) else "–"
         return value, "–", "assumed" if math.isfinite(e.value) else "not known"
-    half = 0.5 * (e.high - e.low)
-    share = half / abs(e.value) if e.value else math.inf
-    known = f"± {100.0 * share:.2g} %" if share < 1.0 else f"± {half:.2g} {unit}".rstrip()
+    known = spread(e.value, e.low, e.high, unit)
     between = f"{e.low:.5g} … {e.high:.5g}"
     return f"{e.value:.5g} {unit}".rstrip(), f"{between} {unit}".rstrip(), known
 
 
 def _terms(found: Identification) -> Table:
+    from cylconn_ros.identification.likelihood.law import NAMES
+    from cylconn_ros.identification.likelihood.selection import TERMS
+
     rows: list[list[str]] = [["Coulomb friction", "in", "always"]]
     for name in found.choice.terms:
-        other = found.choice.alternatives.get(name)
-        reason = (
-            f"or else: {other}; this motion cannot tell which" if other else "demanded by the data"
-        )
+        reason = "demanded by the data"
+        if found.accepted:
+            parts = [(MEANINGS[NAMES[k]][0], *_value(found[NAMES[k]])) for k in TERMS[name]]
+            reason += ": " + ", ".join(f"{part[0]} = {part[2]}" for part in parts)
+        if other := found.choice.alternatives.get(name):
+            reason = f"or else: {other}; this motion cannot tell which"
         rows.append([name, "in", reason])
     weak = set(range(len(rows), len(rows) + len(found.choice.left_out)))
     rows += [[name, "left out", why] for name, why in found.choice.left_out.items()]

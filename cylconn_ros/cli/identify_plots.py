@@ -148,10 +148,11 @@ def residual_plot(
     ]
     for one in patterns:
         colour = "red" if one.rejected else "orange" if one.component == "along" else "purple"
+        kind = "means" if one.component == "along" else "open"
         bar = NORMAL_95 * one.errors
         series.append(
             Series(
-                f"group mean {one.component} the motion", colour, "means", one.middles, one.means,
+                f"group mean {one.component} the motion", colour, kind, one.middles, one.means,
                 one.means - bar, one.means + bar,
             )
         )  # fmt: skip
@@ -169,6 +170,14 @@ def residual_plot(
 def sentence(text: str) -> str:
     """Return ``text`` with a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:]}."
+
+
+def spread(value: float, low: float, high: float, unit: str) -> str:
+    """Return half of an interval as a share of the value, or in its unit if it is larger."""
+    half = 0.5 * (high - low)
+    if half < abs(value):
+        return f"± {100.0 * half / abs(value):.2g} %"
+    return f"± {half:.2g} {unit}".rstrip()
 
 
 def one_line(patterns: list[Pattern]) -> str:

@@ -125,10 +125,11 @@ class PointPlot {
     if (kind === "diamonds") {
       return [line(figure.scatter(fx, fy, { source, marker: "diamond", size: 12, fill_color: null, line_width: 2 }))];
     }
-    if (kind === "means") {
+    if (kind === "means" || kind === "open") {
       const ends = this.plot.names.length ? [fl, fy, fh, fy] : [fx, fl, fx, fh];
       const bar = figure.segment(...ends, { source, line_width: 2.4 });
-      return [line(bar), fill(figure.scatter(fx, fy, { source, size: 8, line_color: null }))];
+      if (kind === "means") return [line(bar), fill(figure.scatter(fx, fy, { source, size: 8, line_color: null }))];
+      return [line(bar), line(figure.scatter(fx, fy, { source, marker: "diamond", size: 15, fill_color: null, line_width: 2 }))];
     }
     return [fill(figure.scatter(fx, fy, { source, size: 4, line_color: null, fill_alpha: 0.45 }))];
   }
