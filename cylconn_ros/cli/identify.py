@@ -26,7 +26,12 @@ from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.identify_axis import axis_report
-from cylconn_ros.cli.identify_page import friction_facts, friction_findings, nothing_found
+from cylconn_ros.cli.identify_page import (
+    friction_facts,
+    friction_findings,
+    given,
+    nothing_found,
+)
 from cylconn_ros.cli.page_file import check_page, write_page
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError, IdentifyError, IndeterminateError
@@ -57,8 +62,12 @@ _TITLES = {
     "offset": "offset",
     "stribeck": "Stribeck",
     "decay": "decay",
+    "mass": "mass",
+    "inertia": "inertia",
 }
 _BASE = ("coefficient", "static_coefficient", "preload", "overlap", "radius")
+_INERTIA = ("mass", "inertia")
+_ALWAYS = (*_BASE, *_INERTIA)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,6 +88,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[=VALUE]",
         help="do not estimate preload, overlap or radius; SI units, default: the parameter's value",
     )
+    parser.add_argument(
+        "--estimate", action="append", default=[], choices=("mass", "inertia"), dest="unknown",
+        help="also the mass of the free body, or its inertia about the slot; needs a recorded load "
+        "or effort along the slot",
+    )  # fmt: skip
     parser.add_argument(
         "--remap",
         "--topic",
@@ -136,7 +150,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             found = identify(
                 recorded, scene, known=dict(options.known), remap=dict(options.topic),
-                drive=options.drive, others=options.others,
+                drive=options.drive, others=options.others, unknown=options.unknown,
             )  # fmt: skip
         except IndeterminateError as error:
             print(f"cylconn identify: {recorded.path}: {error}", file=sys.stderr)
@@ -240,7 +254,7 @@ def table(found: Identification) -> list[str]:
     lines += [
         _row(found.estimates[name])
         for name in _TITLES
-        if name in found.estimates and (name in _BASE or found.estimates[name].found)
+        if name in found.estimates and (name in _ALWAYS or found.estimates[name].found)
     ]
     lines += ["", *(f"verdict     {line}" for line in found.verdict())]
     lines += [f"left out    {name}: {why}" for name, why in found.choice.left_out.items()]
@@ -250,7 +264,7 @@ def table(found: Identification) -> list[str]:
         for e in found.estimates.values()
         if e.name in _BASE and not e.found and math.isfinite(e.value)
     ]
-    facts = ["mass, inertia and nodes of the parameters"]
+    facts = [f"{', '.join(given(found))} of the parameters"]
     facts += [
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]
@@ -291,7 +305,7 @@ def as_json(found: Identification) -> dict[str, Any]:
 
     return {
         "estimates": {
-            f"friction.{e.name}": {
+            (e.name if e.name in _INERTIA else f"friction.{e.name}"): {
                 "estimated": e.found,
                 "value": number(e.value),
                 "interval_95": [number(e.low), number(e.high)] if e.found else None,

@@ -37,11 +37,12 @@ MEANINGS = {
     "offset": ("offset", "constant force that resists a positive slide"),
     "stribeck": ("b", "Stribeck, (µ static - µ)/µ"),
     "decay": ("dc", "Stribeck, decay with the slip rate"),
+    "mass": ("m", "mass of the free body"),
+    "inertia": ("I", "inertia of the free body about the slot"),
 }
 BASE = ("coefficient", "static_coefficient", "preload", "overlap", "radius")
 _LEAST_NOISE = 1e-7  # m/s; below, the sample period limits the accuracy and not a sensor
 _HOW = "Each interval contains the true value in about 95 of 100 recordings like this one"
-_GIVEN = "if mass, inertia and the place of the joint in the parameters are right"
 
 
 def friction_findings(found: Identification, advice: Sequence[str]) -> Findings:
@@ -108,7 +109,7 @@ def _verdict(found: Identification) -> tuple[str, str, list[str]]:
     reasons = [
         f"The model ({names}) describes all {found.windows} windows of slip. {noise}, and no "
         "pattern remains over rate, direction, load, place and time.",
-        f"{_HOW}, {_GIVEN}.",
+        f"{_HOW}, if {', '.join(given(found))} in the parameters are right.",
     ]
     state, verdict = "good", "Use these values"
     if found.choice.alternatives:
@@ -131,10 +132,15 @@ def _verdict(found: Identification) -> tuple[str, str, list[str]]:
 
 
 def _estimates_text(found: Identification) -> str:
-    given = "mass, inertia and nodes of the parameters"
+    known = f"Taken as known: {', '.join(given(found))} of the parameters."
     if not found.accepted:
-        return f"Withheld; see the verdict. Taken as known: {given}."
-    return f"Values in brackets are assumed and not measured here. Taken as known: {given}."
+        return f"Withheld; see the verdict. {known}"
+    return f"Values in brackets are assumed and not measured here. {known}"
+
+
+def given(found: Identification) -> list[str]:
+    """Return what is taken from the parameters and not estimated."""
+    return [name for name in ("mass", "inertia") if name not in found.estimates] + ["nodes"]
 
 
 def _estimates(found: Identification) -> Table:
@@ -146,7 +152,7 @@ def _estimates(found: Identification) -> Table:
     withheld = set() if found.accepted else free
     for name, (symbol, meaning) in MEANINGS.items():
         e = found.estimates.get(name)
-        if e is None or not (name in BASE or e.found or name in free):
+        if e is None or not (name in (*BASE, "mass", "inertia") or e.found or name in free):
             continue
         if not e.found:
             weak.add(len(rows))

@@ -29,7 +29,8 @@ SHORT = {
 UNITS = {
     "coefficient": "", "static_coefficient": "", "preload": "N", "overlap": "m", "radius": "m",
     "c1": "N·s/m", "cr1": "N·m·s", "coefficient_positive": "", "coefficient_negative": "",
-    "direction": "", "offset": "N", "stribeck": "", "decay": "s/m",
+    "direction": "", "offset": "N", "stribeck": "", "decay": "s/m", "mass": "kg",
+    "inertia": "kg·m²",
 }  # fmt: skip
 SYMBOLS = {
     "coefficient": "µ", "preload": "FCint", "overlap": "L", "radius": "R", "c1": "c1", "cr1": "cr1",

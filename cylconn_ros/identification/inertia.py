@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError, IndeterminateError, SceneError
 from cylconn_ros.identification.estimates import SIGNIFICANCE, Estimate
+from cylconn_ros.identification.forces.correlation import Correlation
 from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
 from cylconn_ros.identification.likelihood.kinetic import (
     KineticFit,
@@ -48,7 +49,7 @@ ROUNDS = 4  # choices of the model
 ITERATIONS = 12
 LARGEST_STEP = 0.5  # relative
 CLOSE = 0.02  # standard deviations of a last step
-MAX_HALF_WIDTH = 0.5  # of a value; one known worse is withheld
+MAX_HALF_WIDTH = 0.5  # of a value
 LEAST_FORCE = 1e-3  # of the forces along the slot: known forces that count
 
 
@@ -85,6 +86,7 @@ class InertiaProblem:
         self._axis, self._distance = _slot(scene, samples, self._body)
         self.given = np.array([self._value(name) for name in self.names])
         self._measured = measure_intervals(scene, samples, drive)
+        self._noise: tuple[int, Correlation] | None = None  # of the last model
         self._slopes = []
         for k in range(len(self.names)):
             changed = self.given.copy()
@@ -149,12 +151,12 @@ class InertiaProblem:
     def model(self, values: Array) -> KineticFit:
         """Choose and fit the model at these values."""
         prepared = prepare(self._at(values), self._start.radius)
+        self._noise = (prepared.taken, prepared.noise)
         return choose(prepared.data, prepared.loads, self._start, self._free).fitted
 
     def evaluate(self, values: Array, model: KineticFit) -> Evaluation:
         """Fit the parameters of ``model`` at these values."""
-        prepared = prepare(self._at(values), self._start.radius)
-        data = prepared.data
+        data = prepare(self._at(values), self._start.radius, self._noise).data
         fitted = fit_law(data, model.law, model.free)
         inverse, _ = factors(data, fitted.law)
         r = weighted_residuals(data, fitted.law, inverse)
@@ -189,7 +191,10 @@ class InertiaProblem:
         return at, np.stack(parts, axis=1), np.stack(vectors, axis=1)
 
     def estimates(self, values: Array, covariance: Array, freedom: int) -> list[Estimate]:
-        """Return the estimates; the inertia is that about the slot, with the mass's share."""
+        """Return the estimates; the inertia is that about the slot, with the mass's share.
+
+        Raises IndeterminateError if one is known worse than to MAX_HALF_WIDTH of it.
+        """
         from scipy.stats import t
 
         spread = float(t.isf(SIGNIFICANCE / 2.0, freedom))
@@ -204,9 +209,10 @@ class InertiaProblem:
                     row[0] = self._distance**2
             half = spread * float(np.sqrt(row @ covariance @ row))
             if half > MAX_HALF_WIDTH * abs(value):
-                note = f"not determined: {value:.3g} ± {half:.2g}; record larger known forces"
-                found.append(Estimate(name, np.nan, np.nan, np.nan, UNITS[name], note))
-                continue
+                raise IndeterminateError(
+                    f"{name}: {value:.3g} ± {half:.2g} {UNITS[name]}: the known forces of this "
+                    "motion hardly determine it; record larger ones, in both directions"
+                )
             note = "about the slot" if name == "inertia" else f"of {self._body}"
             found.append(Estimate(name, value, value - half, value + half, UNITS[name], note))
         return found

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError, IndeterminateError
-from cylconn_ros.identification.forces.correlation import Correlation, independent_noise
+from cylconn_ros.identification.forces.correlation import Correlation, independent_noise, together
 from cylconn_ros.identification.forces.intervals import Intervals
 from cylconn_ros.identification.forces.segments import (
     Segment,
@@ -57,18 +57,28 @@ class Prepared(NamedTuple):
     data: Calibrated
 
 
-def prepare(measured: Intervals, radius: float) -> Prepared:
+def prepare(
+    measured: Intervals, radius: float, noise: tuple[int, Correlation] | None = None
+) -> Prepared:
     """Return the windows of slip with their loads; ``radius`` is the start value of R.
+
+    ``noise``: how many intervals are taken together, and their correlation, if they are known.
 
     Raises IndeterminateError if there is too little slip.
     """
-    measured, taken, noise = independent_noise(measured, radius)
+    if noise is None:
+        measured, taken, correlation = independent_noise(measured, radius)
+    else:
+        taken, correlation = noise
+        measured = together(measured, max(taken, 1))
     segments = find_segments(measured, radius)
     slips, skipped = slip_windows(measured, segments, radius)
     between = int(measured.usable.sum()) - sum(segment.size for segment in segments)
     skipped["between slip and rest, or in a segment that is too short"] = between
     loads = ContactLoads.of(slips)
-    return Prepared(measured, taken, noise, segments, skipped, loads, Calibrated.of(slips, loads))
+    return Prepared(
+        measured, taken, correlation, segments, skipped, loads, Calibrated.of(slips, loads)
+    )
 
 
 def start_law(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
