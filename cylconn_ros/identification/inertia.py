@@ -9,13 +9,15 @@ residuals. Mass and inertia are those for which it vanishes,
     z^T V^-1 e = 0,    z: L of each window, without what the parameters of friction can imitate.
 
 L carries no noise of the twists: an instrument. The accelerations, which do, would bias the mass.
+If the mass centre is off the slot, the weight's moment about the slot belongs to z of the inertia:
+L less the moment that carries the weight is what accelerates the spin.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +35,7 @@ from cylconn_ros.identification.likelihood.kinetic import (
     weighted_residuals,
 )
 from cylconn_ros.identification.likelihood.law import FrictionLaw, slopes
-from cylconn_ros.identification.likelihood.selection import choose
+from cylconn_ros.identification.likelihood.selection import choose, fit_excited
 from cylconn_ros.identification.slips import prepare
 from cylconn_ros.recording.samples import SampleArrays
 from cylconn_ros.scene.scene import Scene
@@ -99,6 +101,7 @@ class InertiaProblem:
         alone = SampleArrays(samples.stamps, samples.h, samples.restarted, unloaded)
         bare = measure_intervals(scene, alone, np.zeros((len(samples), 2)))
         self._known = (bare.wrench - self._measured.wrench)[:, [0, 3]]
+        self._weight = _weight_moment(scene, samples, self._body)
         self._refuse_without_forces(bare.wrench[:, [0, 3]])
 
     def _value(self, name: str) -> float:
@@ -148,10 +151,12 @@ class InertiaProblem:
             wrench += (value - given) * slope
         return dataclasses.replace(self._measured, wrench=wrench)
 
-    def model(self, values: Array) -> KineticFit:
-        """Choose and fit the model at these values."""
+    def model(self, values: Array, coulomb: bool = False) -> KineticFit:
+        """Choose and fit the model at these values, or Coulomb friction alone."""
         prepared = prepare(self._at(values), self._start.radius)
         self._noise = (prepared.taken, prepared.noise)
+        if coulomb:
+            return fit_excited(prepared.data, prepared.loads, self._start, self._free)[0]
         return choose(prepared.data, prepared.loads, self._start, self._free).fitted
 
     def evaluate(self, values: Array, model: KineticFit) -> Evaluation:
@@ -165,7 +170,11 @@ class InertiaProblem:
         middle = self._measured.time - 0.5 * self._measured.dt
         for k, name in enumerate(self.names):
             at = COMPONENT[name]
-            known[:, at, k] = np.interp(data.windows.time, middle, self._known[:, at])
+            force = self._known[:, at]
+            if name == "inertia":
+                mass = values[0] if "mass" in self.names else self._value("mass")
+                force = force - mass * self._weight
+            known[:, at, k] = np.interp(data.windows.time, middle, force)
         columns = np.concatenate([slopes(fitted.law, rates, data.loads, free), known], axis=2)
         j = -np.einsum("nij,njk->nik", inverse, columns)
         scale = np.maximum(np.sqrt(np.square(j).sum(axis=(0, 1))), 1e-300)
@@ -274,7 +283,7 @@ def estimate_inertia(
     """
     problem = InertiaProblem(scene, samples, drive, start, free, names)
     values = problem.given.copy()
-    model = problem.model(values)
+    model = problem.model(values, coulomb=True)  # at wrong values the data demand wrong terms
     for _ in range(ROUNDS):
         for _ in range(ITERATIONS):
             at, parts, _ = problem.derivatives(values, model)
@@ -317,19 +326,31 @@ def _about(inertia: Sequence[float], axis: Array) -> float:
 
 def _slot(scene: Scene, samples: SampleArrays, body: str) -> tuple[Array, float]:
     """Return the slot's direction (3,) in the body's frame, and the mass centre's distance, m."""
-    from scipy.spatial.transform import Rotation
-
-    row = samples.samples[0]
-    turns = [row[at + 3 : at + 7] for at in (_first(layout.A_POSE), _first(layout.B_POSE))]
-    turned = scene.node_a.orientation or (0.0, 0.0, 0.0, 1.0)
-    world = Rotation.from_quat(turns[0]) * Rotation.from_quat(turned)
-    axis = world.apply([1.0, 0.0, 0.0])
-    mine = Rotation.from_quat(turns[0 if body == "body_a" else 1])
-    axis = mine.inv().apply(axis)
-    node = scene.node_a if body == "body_a" else scene.node_b
-    arm = np.array(getattr(scene, body).com) - np.array(node.position)
+    turns, axes = _orientations(scene, samples, body)
+    axis = turns[0].inv().apply(axes[0])
+    arm = _arm(scene, body)
     return np.asarray(axis), float(np.linalg.norm(arm - axis * (axis @ arm)))
 
 
-def _first(at: int | slice) -> int:
-    return int(at.start) if isinstance(at, slice) else int(at)
+def _weight_moment(scene: Scene, samples: SampleArrays, body: str) -> Array:
+    """Return the moment (n,) about the slot that carries the weight, per unit of mass, m^2/s^2."""
+    turns, axes = _orientations(scene, samples, body)
+    moment = np.cross(turns.apply(_arm(scene, body)), -np.array(scene.gravity))
+    return np.asarray(np.einsum("ni,ni->n", moment, axes))
+
+
+def _arm(scene: Scene, body: str) -> Array:
+    node = scene.node_a if body == "body_a" else scene.node_b
+    return np.array(getattr(scene, body).com) - np.array(node.position)
+
+
+def _orientations(scene: Scene, samples: SampleArrays, body: str) -> tuple[Any, Array]:
+    """Return the rotations of the body (n), and the slot's direction (n, 3) in the world."""
+    from scipy.spatial.transform import Rotation
+
+    a, b = (
+        Rotation.from_quat(samples.samples[:, at + 3 : at + 7])
+        for at in (layout.A_POSE, layout.B_POSE)
+    )
+    turned = Rotation.from_quat(scene.node_a.orientation or (0.0, 0.0, 0.0, 1.0))
+    return (a if body == "body_a" else b), (a * turned).apply([1.0, 0.0, 0.0])
