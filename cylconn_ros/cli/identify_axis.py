@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cylconn_ros.cli.identify_plots import residual_plot, sentence, spread
+from cylconn_ros.cli.identify_plots import depends, residual_plot, sentence, spread
 from cylconn_ros.cli.page_file import write_page
 from cylconn_ros.errors import CommandError, IdentifyError
 from cylconn_ros.recording.run import read_run
@@ -232,6 +232,7 @@ def _page_verdict(found: AxisEstimate) -> tuple[str, str, list[str]]:
     limits = [sentence(_ONE_NUMBER.replace("mu", "µ")), sentence(_FORCE)]
     if not found.accepted:
         reasons = [sentence(line.removeprefix("do not use: ")) for line in _verdict(found)]
+        reasons[1:1] = depends([one for one in found.patterns if one.rejected])
         reasons.append("The values are withheld: a number would look precise and be wrong.")
         return "Do not use: there are no values", "bad", reasons
     good = [name for name in NAMES if found.determined(name)]

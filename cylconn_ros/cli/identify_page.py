@@ -10,6 +10,7 @@ import numpy as np
 
 from cylconn_ros.cli.identify_plots import (
     UNITS,
+    depends,
     disc_plot,
     residual_plots,
     sentence,
@@ -94,6 +95,10 @@ def _verdict(found: Identification) -> tuple[str, str, list[str]]:
     said = found.verdict()
     if not found.accepted:
         reasons = [sentence(line.removeprefix("do not use: ")) for line in said]
+        reasons[1:1] = depends([one for one in found.patterns if one.rejected])
+        if found.noise > _LEAST_NOISE:
+            times = f"{math.sqrt(found.misfit):.1f}"
+            reasons.append(f"What is left over is {times} times the noise of the sensors.")
         reasons.append(
             "The values are withheld: a number would look precise and be wrong. The plots show the "
             "best model that was tried."
@@ -178,15 +183,16 @@ def _terms(found: Identification) -> Table:
     from cylconn_ros.identification.likelihood.law import NAMES
     from cylconn_ros.identification.likelihood.selection import TERMS
 
-    rows: list[list[str]] = [["Coulomb friction", "in", "always"]]
+    into = "in" if found.accepted else "tried"
+    rows: list[list[str]] = [["Coulomb friction", into, "always"]]
     for name in found.choice.terms:
-        reason = "demanded by the data"
+        reason = "demanded by the data" if found.accepted else "improves the fit, not enough"
         if found.accepted:
             parts = [(MEANINGS[NAMES[k]][0], *_value(found[NAMES[k]])) for k in TERMS[name]]
             reason += ": " + ", ".join(f"{part[0]} = {part[2]}" for part in parts)
         if other := found.choice.alternatives.get(name):
             reason = f"or else: {other}; this motion cannot tell which"
-        rows.append([name, "in", reason])
+        rows.append([name, into, reason])
     weak = set(range(len(rows), len(rows) + len(found.choice.left_out)))
     rows += [[name, "left out", why] for name, why in found.choice.left_out.items()]
     return Table(("term", "model", "reason"), rows, frozenset(weak))

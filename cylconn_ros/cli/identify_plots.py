@@ -165,12 +165,21 @@ def residual_plot(
         mark = "pattern remains" if bad else "no pattern" if accepted else "no pattern by itself"
     note += _shown(len(rows), len(along))
     label = f"residual [{unit}]"
-    return Plot(f"over_{key}", f"Over {title}", axis, label, series, note, mark, bad)
+    good = accepted and bool(patterns)
+    return Plot(f"over_{key}", f"Over {title}", axis, label, series, note, mark, bad, good)
 
 
 def sentence(text: str) -> str:
     """Return ``text`` with a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:]}."
+
+
+def depends(patterns: list[Pattern]) -> list[str]:
+    """Say in words on what friction depends beyond the model; empty without rejected patterns."""
+    names = dict.fromkeys(one.over.partition(" [")[0] for one in patterns)
+    if not names:
+        return []
+    return [f"Friction depends on {' and '.join(names)} in a way that no term of the model has."]
 
 
 def spread(value: float, low: float, high: float, unit: str) -> str:

@@ -51,7 +51,8 @@ class Plot:
         key: unique name. title, x, y: texts of heading and axes.
         series: drawn in this order.
         note: text below the heading.
-        mark: what was found in it, shown beside the heading; ``bad``: it is a problem.
+        mark: what was found in it, shown beside the heading; ``bad``: it is a problem, ``good``:
+            it is none.
         names: of the whole numbers on the y axis, from 0 on.
         equal: the same scale on both axes.
     """
@@ -64,6 +65,7 @@ class Plot:
     note: str = ""
     mark: str = ""
     bad: bool = False
+    good: bool = False
     names: Sequence[str] = ()
     equal: bool = False
 
@@ -134,6 +136,7 @@ def build(found: Findings) -> tuple[dict[str, Any], str]:
             "note": plot.note,
             "mark": plot.mark,
             "bad": plot.bad,
+            "good": plot.good,
             "names": list(plot.names),
             "equal": plot.equal,
             "series": [series(one) for one in plot.series],

@@ -70,6 +70,7 @@ def test_a_rejected_model_shows_its_pattern_and_no_value() -> None:
     found = rejected()
     page = friction_findings(found, ["repeat"])
     assert (page.verdict, page.state) == ("Do not use: there are no values", "bad")
+    assert any("in a way that no term of the model has" in line for line in page.reasons)
     assert any(line.startswith("Residual along the slip over") for line in page.reasons)
     sections = {section.key: section for section in page.sections}
     table = sections["estimates"].table

@@ -86,7 +86,7 @@ def unbalanced(t: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_mass_centre_off_the_slot(seed: int) -> None:
     """The inertia is that about the slot: it contains m d^2."""
-    t = joints.PERIOD * np.arange(joints.SAMPLES)
+    t: Array = np.asarray(joints.PERIOD * np.arange(joints.SAMPLES), dtype=np.float64)
     rows = np.zeros((len(t), layout.NSAMPLE))
     rows[:, layout.A_POSE + 6] = 1.0
     rows[:, layout.B_POSE : layout.B_POSE + 13] = unbalanced(t)[0]
@@ -155,11 +155,13 @@ def test_two_free_bodies_are_refused() -> None:
         estimate_friction(scene, joints.measured(rows, "white", 1), unknown=("mass",))
 
 
-def spinning(
-    inertia: float, viscous: float, coulomb: float, offset: float, seed: int
-) -> AxisRecording:
+TRUTH = {"mass": 0.012, "c1": 0.03, "preload_friction": 0.08, "offset": 0.02}
+
+
+def spinning(seed: int) -> AxisRecording:
     """Simulate a spin about the slot under a recorded torque; encoder of 1e-5 rad."""
-    time = np.arange(0.0, 20.0, 1e-3)
+    inertia, viscous, coulomb, offset = TRUTH.values()
+    time: Array = np.asarray(np.arange(0.0, 20.0, 1e-3), dtype=np.float64)
     rng = np.random.default_rng(seed)
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     torque = (
@@ -182,13 +184,10 @@ def spinning(
     return AxisRecording(time, seen, torque)
 
 
-TRUTH = {"mass": 0.012, "c1": 0.03, "preload_friction": 0.08, "offset": 0.02}
-
-
 def test_inertia_about_the_slot_of_an_axis_that_spins() -> None:
     inside = dict.fromkeys(TRUTH, 0)
     for seed in range(SEEDS):
-        found = estimate_axis([spinning(*TRUTH.values(), seed)])
+        found = estimate_axis([spinning(seed)])
         assert found.accepted
         for name, value in TRUTH.items():
             assert found[name][0] == pytest.approx(value, rel=0.01), name
@@ -200,7 +199,7 @@ def test_an_axis_with_another_friction_has_no_values(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Friction that depends on the angle: rejected, exit code 1, the page marks the pattern."""
-    one = spinning(*TRUTH.values(), 1)
+    one = spinning(1)
     torque = one.effort + 0.03 * np.sin(one.position)
     write_axis(tmp_path / "bag", AxisRecording(one.time, one.position, torque))
     page = tmp_path / "page.html"

@@ -15,7 +15,7 @@ class PointPlot {
     const root = element("section", plot.bad ? "panel points marked" : "panel points"), header = element("header");
     root.dataset.key = plot.key;
     header.append(element("h3", "", plot.title));
-    if (plot.mark) header.append(element("span", plot.bad ? "badge bad" : "badge", plot.mark));
+    if (plot.mark) header.append(element("span", `badge${plot.bad ? " bad" : plot.good ? " good" : ""}`, plot.mark));
     const keys = element("div", "keys");
     for (const one of plot.series) {
       if (!one.label) continue;
