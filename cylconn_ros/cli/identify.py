@@ -264,7 +264,7 @@ def table(found: Identification) -> list[str]:
         for e in found.estimates.values()
         if e.name in _BASE and not e.found and math.isfinite(e.value)
     ]
-    facts = [f"{', '.join(given(found))} of the parameters"]
+    facts = [f"{given(found)} of the parameters"]
     facts += [
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]

@@ -114,7 +114,7 @@ def _verdict(found: Identification) -> tuple[str, str, list[str]]:
     reasons = [
         f"The model ({names}) describes all {found.windows} windows of slip. {noise}, and no "
         "pattern remains over rate, direction, load, place and time.",
-        f"{_HOW}, if {', '.join(given(found))} in the parameters are right.",
+        f"{_HOW}, if {given(found)} in the parameters are right.",
     ]
     state, verdict = "good", "Use these values"
     if found.choice.alternatives:
@@ -137,15 +137,16 @@ def _verdict(found: Identification) -> tuple[str, str, list[str]]:
 
 
 def _estimates_text(found: Identification) -> str:
-    known = f"Taken as known: {', '.join(given(found))} of the parameters."
+    known = f"Taken as known: {given(found)} of the parameters."
     if not found.accepted:
         return f"Withheld; see the verdict. {known}"
     return f"Values in brackets are assumed and not measured here. {known}"
 
 
-def given(found: Identification) -> list[str]:
+def given(found: Identification) -> str:
     """Return what is taken from the parameters and not estimated."""
-    return [name for name in ("mass", "inertia") if name not in found.estimates] + ["nodes"]
+    names = [name for name in ("mass", "inertia") if name not in found.estimates]
+    return " and ".join(filter(None, [", ".join(names), "nodes"]))
 
 
 def _estimates(found: Identification) -> Table:

@@ -173,12 +173,8 @@ def estimate_friction(
     estimates["static_coefficient"] = static_estimate(rest)
     estimates |= {e.name: e for e in inertia}
     doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
-    if measured.problem:
-        doubts = (measured.problem, *doubts)
-    rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
-    if not rejected and (spread := unexplained_spread(data, fitted)):
-        doubts += (spread,)
-    if reason := next(iter([*doubts, *rejected]), ""):
+    doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
+    if reason:
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
     law = fitted.law
     _, cos, sin = slip(slips.rates, law.radius)
@@ -211,6 +207,22 @@ def estimate_friction(
         doubts=doubts,
         remarks=remarks,
     )
+
+
+def _judge_fit(
+    measured: Intervals,
+    data: Calibrated,
+    fitted: KineticFit,
+    patterns: Sequence[Pattern],
+    doubts: tuple[str, ...],
+) -> tuple[tuple[str, ...], str]:
+    """Return all doubts, and the first reason to withhold the estimates; empty if there is none."""
+    if measured.problem:
+        doubts = (measured.problem, *doubts)
+    rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
+    if not rejected and (spread := unexplained_spread(data, fitted)):
+        doubts += (spread,)
+    return doubts, next(iter([*doubts, *rejected]), "")
 
 
 def _judge_noise(
