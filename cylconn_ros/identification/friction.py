@@ -24,7 +24,7 @@ from cylconn_ros.identification.forces.correlation import (
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
-from cylconn_ros.identification.forces.intervals import measure_intervals
+from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
 from cylconn_ros.identification.forces.segments import (
     find_segments,
     slip_rate,
@@ -149,17 +149,16 @@ def estimate_friction(
     known = dict(known or {})
     start = start_law(scene, known)
     samples = SampleArrays.collect(samples)
-    beside = None
+    free, beside = free_parameters(known), None
     if unknown:
-        free = free_parameters(known)
         beside = estimate_inertia(scene, samples, drive, start, free, unknown)
         scene = beside.scene
     measured = measure_intervals(scene, samples, drive)
-    duration, delay = float(measured.time[-1]), twist_delay(measured)
+    delay = twist_delay(measured)
     prepared = prepare(measured, start.radius)
     measured, data, loads = prepared.measured, prepared.data, prepared.loads
     slips, segments, skipped = data.windows, prepared.segments, prepared.skipped
-    choice = choose(data, loads, start, free_parameters(known))
+    choice = choose(data, loads, start, free)
     fitted = choice.fitted
     _refuse_noise(choice)
     inertia: list[Estimate] = []
@@ -186,7 +185,7 @@ def estimate_friction(
     return Identification(
         estimates=estimates,
         samples=len(samples),
-        duration=duration,
+        duration=float(samples.stamps[-1] - samples.stamps[0]) * 1e-9,
         slip_intervals=int(slips.intervals.sum()),
         rest_intervals=sum(s.size for s in segments if not s.slips),
         windows=len(slips),
