@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cylconn_ros.cli.identify_page import WORDS
 from cylconn_ros.cli.identify_plots import depends, residual_plot, sentence, spread
 from cylconn_ros.cli.page_file import write_page
 from cylconn_ros.errors import CommandError, IdentifyError
@@ -207,6 +208,7 @@ def axis_findings(found: AxisEstimate) -> Findings:
             Section("residuals", "What the model leaves over", _RESIDUALS, plots=residuals),
             Section("steps", "Intervals before and after adding terms", plots=_steps(found)),
             Section("next", "What to record next", items=advice or [_ENOUGH]),
+            Section("words", "Words", items=[WORDS[k] for k in (0, 1, 2, 4)]),
         ],
     )
 

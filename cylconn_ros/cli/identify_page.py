@@ -59,6 +59,7 @@ def friction_findings(found: Identification, advice: Sequence[str]) -> Findings:
             "steps", "Intervals before and after adding terms", _STEPS, plots=step_plots(found)
         ),
         Section("next", "What to record next", items=advice or [_ENOUGH]),
+        Section("words", "Words", items=WORDS),
     ]
     verdict, state, reasons = _verdict(found)
     return Findings(verdict, state, reasons, sections)
@@ -83,6 +84,16 @@ _STEPS = (
     "The model begins with Coulomb friction; one term after the other is added. A value that moves "
     "by more than its interval when a term enters was wrong before. These intervals show noise "
     "alone; the last row is the reported one, which includes the error of the sample period."
+)
+WORDS = (
+    "95 % interval: of 100 such recordings, about 95 have an interval with the true value in it.",
+    "Window: a short piece of the recording whose samples are taken together, so that noise "
+    "averages out; one point in the plots.",
+    "Residual: what is measured minus what the model says. Noise scatters about zero; a pattern "
+    "does not.",
+    "Traction: friction of slide and spin together, the spin's moment divided by R. Normal force: "
+    "what presses shaft and sleeve together.",
+    "Withheld: the recording does not support a value, so none is given.",
 )
 _ENOUGH = (
     "Nothing: every parameter of the model is determined. A repetition at another load or rate "
@@ -234,7 +245,7 @@ def nothing_found(reason: str) -> Findings:
         "Slide (and, for R, turn at the same time) to and fro under several loads for seconds."
     ]
     return Findings(
-        "No values: this recording does not determine the friction",
+        "No values: this recording does not determine what was asked",
         "bad",
         [sentence(reason)],
         [Section("next", "What to record next", items=items)],

@@ -159,7 +159,7 @@ def test_a_recording_that_determines_nothing_has_a_page(tmp_path: Path) -> None:
     assert main(simulate) == 0
     assert main(["identify", str(bag), "--report", str(page)]) == 1
     text = words(page)
-    assert "No values: this recording does not determine the friction" in text
+    assert "No values: this recording does not determine what was asked" in text
     assert "Too little slip" in text
 
 
