@@ -1,11 +1,12 @@
 """Estimate friction from a recording of a joint: mu, FCint, L and R with 95 % intervals.
 
 BAG is a recorded directory or an .mcap file with poses and twists of the bodies, and their loads if
-there are any, of a real or a simulated joint. Mass and inertia of a free body must be known. The
-parameters are those of the recording or of --params FILE. Parameters that the motion does not
-determine are listed and taken as known. docs/how_to/identify.md explains the method. The exit code
-is 1 if the recording does not determine the coefficient, or its motion leaves the joint. --report
-writes one page that says whether to believe the values, with plots and what to record next.
+there are any, of a real or a simulated joint. Mass and inertia of a free body must be known, or are
+estimated too (--estimate). The parameters are those of the recording or of --params FILE. Those
+that the motion does not determine are listed and taken as known. docs/how_to/identify.md explains
+the method. The exit code is 1 if the recording does not determine the coefficient, or its motion
+leaves the joint. --report writes one page that says whether to believe the values, with plots and
+what to record next.
 
 For example: cylconn identify BAG --known radius=0.02 --report friction.html
 
