@@ -27,7 +27,7 @@ from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, t
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.coupled.contacts import NLIMITS, NSOLUTION, rounding, write_limits
 from cylconn_ros.methods.dispatch import begin
-from cylconn_ros.methods.free_axes.contacts import without_stops
+from cylconn_ros.methods.free_axes.two_impacts import without_stops
 from cylconn_ros.methods.free_axes.step import pose_free_axes
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---

@@ -142,6 +142,7 @@ def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
             -a.prepared[c, limits + BELOW] / r,
             a.prepared[c, limits + ABOVE] / r,
         )
+    g.share[0] = 1.0
     _rest(g, a)
     for j in range(n):
         c, r = j // 2, constants[j // 2, RADIUS] if j % 2 == 1 else 1.0
