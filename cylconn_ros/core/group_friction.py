@@ -41,7 +41,7 @@ from cylconn_ros.core.small_matrices import eigen2
 EPSILON: Final = 1e-7
 _SWEEPS: Final = 8
 _LAST_SWEEPS: Final = 100
-_WAYS: Final = 2
+_WAYS: Final = 3
 _DECREASE: Final = 0.03  # of the proximal term
 _MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
 _CONTRADICTS: Final = 1e-2  # of a rate
@@ -123,28 +123,8 @@ def _newton(g: GroupProblem, unknowns: int) -> tuple[float, int]:
             found, taken = sharp_steps(g, unknowns)
         elif attempt == 1:
             found, taken = follow_path(g, unknowns)
-        elif attempt == 2:
-            found, taken = damped_steps(g, unknowns, True)
-        elif attempt == 3:
-            found, taken = _enumerated(g, unknowns)
-        elif attempt == 4:
-            found, taken = _with_decreasing_term(g, unknowns)
         else:
-            for _ in range(_SWEEPS):
-                evaluate(g, True)
-                _sweep(g)
-            store(g, g.start)
-            found, taken = damped_steps(g, unknowns, True)
-            if found > ACCEPTED:
-                restore(g, g.start)
-                found, more = sharp_steps(g, unknowns)
-                taken += more
-            if found > ACCEPTED:
-                restore(g, g.start)
-                _, more = _with_decreasing_term(g, unknowns)
-                found, last = damped_steps(g, unknowns, True)
-                taken += more + last
-            taken += _SWEEPS
+            found, taken = _with_decreasing_term(g, unknowns)
         steps += taken
     return found, steps
 
@@ -157,6 +137,9 @@ def _with_decreasing_term(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     while True:
         found, taken = full_steps(g, unknowns, True)
         steps += taken
+        if found > ACCEPTED:
+            found, taken = follow_path(g, unknowns)
+            steps += taken
         if g.epsilon[0] <= EPSILON:
             break
         g.epsilon[0] = max(_DECREASE * g.epsilon[0], EPSILON)

@@ -26,7 +26,7 @@ _LEAST: Final = 1e-9
 _CORRECTIONS: Final = 6
 _NEARBY: Final = 0.3  # greatest correction, of the length of a step
 _ON_PATH: Final = 1e-10  # residual
-_LOCATED: Final = 1e-6  # accuracy of the end of a piece, relative to the limit
+_LOCATED: Final = 1e-10  # accuracy of the end of a piece, relative to the limit
 _NEAR_END: Final = 1e-2  # of lambda, from where Newton's method alone reaches the end
 _SECANTS: Final = 40
 
@@ -209,7 +209,8 @@ def follow_path(g: GroupProblem, unknowns: int) -> tuple[float, int]:
         if which >= 0:
             g.forced[which] = -g.forced[which]
     g.share[0] = 1.0
+    _, last = full_steps(g, unknowns, True)
     for c in range(g.number):
         g.forced[c] = 0.0
     found, taken = full_steps(g, unknowns, True)
-    return found, steps + taken
+    return found, steps + last + taken
