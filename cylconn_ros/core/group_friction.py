@@ -42,6 +42,7 @@ EPSILON: Final = 1e-7
 _SWEEPS: Final = 8
 _LAST_SWEEPS: Final = 100
 _WAYS: Final = 3
+_SETTLINGS: Final = 8
 _DECREASE: Final = 0.03  # of the proximal term
 _MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
 _CONTRADICTS: Final = 1e-2  # of a rate
@@ -110,23 +111,36 @@ def least_on_disc(
 def _newton(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     """Newton's method from phi, p, and other ways where it does not converge.
 
-    Returns the residual and the number of steps and sweeps.
+    Returns the least residual that is found and the number of steps.
     """
     store(g, g.start)
     found, steps = full_steps(g, unknowns, True)
-    for attempt in range(_WAYS):
-        if found <= ACCEPTED:
-            break
-        restore(g, g.start)
-        taken = 0
-        if attempt == 0:
-            found, taken = sharp_steps(g, unknowns)
-        elif attempt == 1:
-            found, taken = follow_path(g, unknowns)
-        else:
-            found, taken = _with_decreasing_term(g, unknowns)
+    if found <= ACCEPTED:
+        return found, steps
+    least = math.inf
+    for way in range(_WAYS):
+        if found < least:
+            least = found
+            store(g, g.best)
+        _, taken = _by_way(g, unknowns, way)
         steps += taken
+        found = evaluate(g, True)
+        if found <= ACCEPTED:
+            return found, steps
+    if least < found:
+        restore(g, g.best)
+        found = evaluate(g, True)
     return found, steps
+
+
+@device_function
+def _by_way(g: GroupProblem, unknowns: int, way: int) -> tuple[float, int]:
+    if way == 0:
+        restore(g, g.start)
+        return sharp_steps(g, unknowns)
+    if way == 1:
+        return follow_path(g, unknowns)
+    return _with_decreasing_term(g, unknowns)
 
 
 @device_function
@@ -202,21 +216,28 @@ def _from_rest(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 
 @device_function
 def _settle(g: GroupProblem, unknowns: int, found: float) -> tuple[float, int]:
-    """Remove the proximal term."""
+    """Remove the proximal term, as long as that decreases the residual.
+
+    It does not where rounding sets rates that have to vanish together against each other.
+    """
     steps = 0
-    for _ in range(4):
-        store(g, g.anchor)
-        found = evaluate(g, True)
+    store(g, g.anchor)
+    found = evaluate(g, True)
+    for _ in range(_SETTLINGS):
         if found <= SOLVED:
             break
-        before = found
-        found, taken = _newton(g, unknowns)
+        store(g, g.settled)
+        _, taken = _newton(g, unknowns)
         steps += taken
-        if not found <= before:
-            restore(g, g.anchor)
+        store(g, g.anchor)
+        before, found = found, evaluate(g, True)
+        if not found < 0.9 * before:
+            if not found <= before:
+                restore(g, g.settled)
+                store(g, g.anchor)
+                found = evaluate(g, True)
             break
-    store(g, g.anchor)
-    return evaluate(g, True), steps
+    return found, steps
 
 
 @device_function

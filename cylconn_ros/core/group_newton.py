@@ -12,7 +12,7 @@ from cylconn_ros.core.group_problem import GroupProblem, evaluate, linearise
 from cylconn_ros.core.jit import device_function, inline_function
 
 SOLVED: Final = 1e-14  # residual that cannot be improved
-ACCEPTED: Final = 1e-10  # residual of a solution
+ACCEPTED: Final = 1e-12  # residual of a solution
 _FULL_STEPS: Final = 8
 _DAMPED_STEPS: Final = 12
 _HALVINGS: Final = 8

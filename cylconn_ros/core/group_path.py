@@ -16,7 +16,7 @@ import math
 from typing import Final
 
 from cylconn_ros.core.dense import solve_general
-from cylconn_ros.core.group_newton import ACCEPTED, clear, full_steps
+from cylconn_ros.core.group_newton import ACCEPTED, full_steps
 from cylconn_ros.core.group_problem import GroupProblem, evaluate, is_within, linearise
 from cylconn_ros.core.jit import device_function, inline_function
 
@@ -185,7 +185,8 @@ def _scale(g: GroupProblem) -> float:
 @device_function
 def follow_path(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     """Solve for phi and p from no friction on; returns the residual and the Newton steps."""
-    clear(g)
+    for j in range(2 * g.number):
+        g.phi[j] = g.p[j] = 0.0
     g.share[0] = 0.0
     found, steps = full_steps(g, unknowns, True)
     scale, length, direction = _scale(g), _FIRST, 0

@@ -43,6 +43,7 @@ class GroupProblem(NamedTuple):
     on: Array  # (N,) whether friction is on
     s: Array  # (2 N, 2 N)
     free: Array  # (2 N,)
+    terms: Array  # (2 N,) sum of the absolute values of the terms of free
     base: Array  # (4 N,)
     by: Array  # (4 N, 2 N)
     low: Array  # (2 N,) bounds of s+, infinite: none
@@ -74,6 +75,8 @@ class GroupProblem(NamedTuple):
     matrix: Array  # (4 N + 1, 4 N + 2)
     tried: Array  # (4 N,) the unknowns before a Newton step
     start: Array  # (4 N,) the same before Newton's method
+    best: Array  # (4 N,) of the least residual
+    settled: Array  # (4 N,) before the proximal term is moved
     slope: Array  # (2 N,) of a limit
     tangent: Array  # (4 N + 1,) of the path (core/group_path.py)
     origin: Array  # (4 N + 1,) the point from which it is followed
@@ -96,7 +99,7 @@ def evaluate(g: GroupProblem, follow: bool) -> float:
     """Update s+, the radii (``follow``; else the fixed ones) and H; returns the relative |H|."""
     n = 2 * g.number
     for j in range(n):
-        total, size = g.free[j], abs(g.free[j])
+        total, size = g.free[j], g.terms[j]
         for k in range(n):
             term = g.s[j, k] * (g.phi[k] + g.p[k])
             total += term
