@@ -39,12 +39,11 @@ from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import eigen2
 
 EPSILON: Final = 1e-7
-_SWEEPS: Final = 8
 _LAST_SWEEPS: Final = 100
-_WAYS: Final = 3
+_WAYS: Final = 5
+_MOST_ENUMERATED: Final = 3  # connectors; with more, a path takes fewer steps
 _SETTLINGS: Final = 8
 _DECREASE: Final = 0.03  # of the proximal term
-_MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
 _CONTRADICTS: Final = 1e-2  # of a rate
 
 
@@ -135,12 +134,41 @@ def _newton(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 
 @device_function
 def _by_way(g: GroupProblem, unknowns: int, way: int) -> tuple[float, int]:
+    restore(g, g.start)
     if way == 0:
-        restore(g, g.start)
         return sharp_steps(g, unknowns)
     if way == 1:
+        return damped_steps(g, unknowns, True)
+    if way == 2:
+        return _enumerated(g, unknowns) if g.number <= _MOST_ENUMERATED else (math.inf, 0)
+    if way == 3:
         return follow_path(g, unknowns)
     return _with_decreasing_term(g, unknowns)
+
+
+@device_function
+def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """Newton's method from each choice of connectors that stick, the fewest first."""
+    found, steps = math.inf, 0
+    for size in range(1, g.number + 1):
+        for choice in range(1, 1 << g.number):
+            chosen = 0
+            for c in range(g.number):
+                chosen += (choice >> c) & 1
+            if chosen != size:
+                continue
+            for j in range(2 * g.number):
+                g.phi[j] = g.p[j] = 0.0
+            for c in range(g.number):
+                g.forced[c] = float((choice >> c) & 1)
+            _, taken = sharp_steps(g, unknowns)
+            for c in range(g.number):
+                g.forced[c] = 0.0
+            found, last = sharp_steps(g, unknowns)
+            steps += taken + last
+            if found <= ACCEPTED:
+                return found, steps
+    return found, steps
 
 
 @device_function
