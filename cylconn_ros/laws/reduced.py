@@ -77,9 +77,7 @@ def problem_of(
     right[:, CONSTRAINED, 0] = (s.target - s.free[:, CONSTRAINED]) / (scale[:, CONSTRAINED] * h)
     greatest = np.max(np.abs(matrix), axis=2, keepdims=True)
     matrix, right = matrix / greatest, right / greatest
-    finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(right).all(axis=(1, 2))
-    matrix[~finite], right[~finite] = np.eye(6), 0.0
-    condition = np.where(finite, np.linalg.cond(matrix), np.inf)
+    condition = np.linalg.cond(matrix)
     matrix[condition > 1e3 * WORST_CONDITION] = np.eye(6)  # excluded from the check
     wrench = np.linalg.solve(matrix, right) / scale[:, :, None]
     slips = h[:, :, None] * (g[:, FREE] @ wrench)
