@@ -1,9 +1,9 @@
 """Solution of the friction problem of connectors that share bodies (core/group_problem.py).
 
-A semismooth Newton method solves H = 0, with step lengths that decrease |H|. Where it stalls, the
-problem with fixed radii, which is convex, is solved in turns with an update of the radii, and
-Newton's method starts again from there (Facchinei and Pang, Finite-Dimensional Variational
-Inequalities and Complementarity Problems, 2003, chapters 8 and 12).
+A semismooth Newton method solves H = 0 (core/group_newton.py; Facchinei and Pang, Finite-
+Dimensional Variational Inequalities and Complementarity Problems, 2003, chapters 8 and 12). Where
+it does not converge, regimes are enumerated if there are few connectors, and the solutions are
+followed from no friction on (core/group_path.py).
 
 Among several solutions: from a cold start or after slip, that found from no friction, which is as a
 rule the one of least normal force; connectors that stuck first try to stick. theta is 1/2 for a
@@ -185,31 +185,6 @@ def _with_decreasing_term(g: GroupProblem, unknowns: int) -> tuple[float, int]:
         if g.epsilon[0] <= EPSILON:
             break
         g.epsilon[0] = max(_DECREASE * g.epsilon[0], EPSILON)
-    return found, steps
-
-
-@device_function
-def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
-    """Newton's method from each choice of connectors that stick, the fewest first."""
-    found, steps = math.inf, 0
-    choices = 1 << min(g.number, _MOST_ENUMERATED)
-    for size in range(1, g.number + 1):
-        for choice in range(1, choices):
-            chosen = 0
-            for c in range(min(g.number, _MOST_ENUMERATED)):
-                chosen += (choice >> c) & 1
-            if chosen != size:
-                continue
-            clear(g)
-            for c in range(g.number):
-                g.forced[c] = float((choice >> c) & 1) if c < _MOST_ENUMERATED else 0.0
-            _, taken = sharp_steps(g, unknowns)
-            for c in range(g.number):
-                g.forced[c] = 0.0
-            found, last = sharp_steps(g, unknowns)
-            steps += taken + last
-            if found <= ACCEPTED:
-                return found, steps
     return found, steps
 
 

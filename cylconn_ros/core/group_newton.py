@@ -49,6 +49,10 @@ def move(g: GroupProblem, unknowns: int, length: float) -> None:
 
 @device_function
 def full_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
+    """Newton steps until the residual is rounding; it, and their number.
+
+    ``follow``: the radii follow the reactions; else they are the fixed ones.
+    """
     found = evaluate(g, follow)
     steps = 0
     while steps < _FULL_STEPS and found > SOLVED:
@@ -103,6 +107,7 @@ def sharp_steps(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 
 @device_function
 def clear(g: GroupProblem) -> None:
+    """Set phi and p to zero, and where the proximal term is measured from."""
     n = 2 * g.number
     for j in range(n):
         g.phi[j] = g.p[j] = g.anchor[j] = g.anchor[n + j] = 0.0

@@ -1,5 +1,7 @@
 """Chains of bodies whose friction grows with its own reactions, almost to a jam, and redundancy."""
 
+from typing import Any
+
 import numpy as np
 
 from cylconn_ros.connector.group import Group
@@ -20,8 +22,8 @@ def _direction(rng):
 def _chain(rng):
     """Two to four bodies, the first on the ground, each on an arm with a coupling of up to 0.99."""
     n = int(rng.integers(2, 5))
-    found = {"period": PERIOD, "connectors": [f"at{k}" for k in range(n)]}
-    bodies = [{"frame": "ground", "kind": "fixed"}]
+    found: dict[str, Any] = {"period": PERIOD, "connectors": [f"at{k}" for k in range(n)]}
+    bodies: list[dict[str, Any]] = [{"frame": "ground", "kind": "fixed"}]
     for k in range(n):
         mass, r = 10.0 ** rng.uniform(-1.0, 1.5), 10.0 ** rng.uniform(-1.5, -0.3, 3)
         moments = mass * (r[[1, 0, 0]] ** 2 + r[[2, 2, 1]] ** 2) / 2.0
@@ -68,7 +70,7 @@ def test_chains_near_a_jam_are_solved_and_satisfy_the_laws():
         frames = [scene.body_b.frame for scene in scenes]
         places = {f: [*(0.3 * rng.normal(size=3)), *_direction(rng)] for f in frames}
         group = Group(scenes)
-        runs = [[] for _ in scenes]
+        runs: list[list[tuple[Any, Any]]] = [[] for _ in scenes]
         for _ in range(3):
             sample = _loaded(rng, scenes, places)
             outs = group.step(sample)

@@ -27,8 +27,8 @@ from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, norm, out
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.coupled.contacts import NLIMITS, NSOLUTION, rounding, write_limits
 from cylconn_ros.methods.dispatch import begin
-from cylconn_ros.methods.free_axes.two_impacts import without_stops
 from cylconn_ros.methods.free_axes.step import pose_free_axes
+from cylconn_ros.methods.free_axes.two_impacts import without_stops
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes

@@ -64,7 +64,8 @@ def parts(work: Array, count: int, par: Array) -> tuple[Arrays, GroupProblem]:
     z = y + 4 * n
     g = GroupProblem(
         count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
-        work[z : z + n], work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
+        work[z : z + n], work[u : u + q], work[by : by + q * n].reshape((q, n)),
+        work[v + n : v + 2 * n],
         work[v + 14 * n : v + 15 * n], work[v + 15 * n : v + 16 * n],
         work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
         work[v + 5 * n : v + 6 * n], work[v + 8 * n : v + 9 * n],

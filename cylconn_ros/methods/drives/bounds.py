@@ -34,9 +34,14 @@ from cylconn_ros.methods.free_axes.complementarity import (
     solve_case,
     solve_with_limits,
 )
-from cylconn_ros.methods.free_axes.contacts import LimitedSolution, by_the_disc, stop_bounds, with_stops
-from cylconn_ros.methods.free_axes.two_impacts import StopBounds, without_stops
+from cylconn_ros.methods.free_axes.contacts import (
+    LimitedSolution,
+    by_the_disc,
+    stop_bounds,
+    with_stops,
+)
 from cylconn_ros.methods.free_axes.impact_friction import NO_IMPACT
+from cylconn_ros.methods.free_axes.two_impacts import StopBounds, without_stops
 
 BLOCKED = 1e-9  # of target and pull-in speed: smallest difference from a target that is a conflict
 ROUNDING = 1e-12  # relative, of forces and rates that are compared with a drive's

@@ -222,15 +222,14 @@ def begun_after(
                 found, time, hit = other, c.time, c.rate
     if found == 0:
         return without_stops(FREE) if b.bounds.impact != 0 else b
-    if time < earliest(h, False):
-        return b
+    if time < earliest(h, False):  # put off to when two wrenches can act, as for a single impact
+        time = earliest(h, False)
+        hit = -found * (begun + first.acceleration[j] * time)
     rate = alone.end[k] + first.acceleration[k] * (time - h)
     rates = (rate, -found * hit) if k == 0 else (-found * hit, rate)
     before = a.friction.after
-    c, _, follows = _second(
-        par, mem, o, r, sp, h, False, j, found, time, rates, before, eps
-    )
-    return c if follows else b
+    second, _, follows = _second(par, mem, o, r, sp, h, False, j, found, time, rates, before, eps)
+    return second if follows else b
 
 
 @device_function
