@@ -1,14 +1,17 @@
 """Estimate friction from a recording of a joint: mu, FCint, L and R with 95 % intervals.
 
 BAG is a recorded directory or an .mcap file with poses and twists of the bodies, and their loads if
-there are any, of a real or a simulated joint. Mass and inertia of a free body must be known. The
-parameters are those of the recording or of --params FILE. Parameters that the motion does not
-determine are listed and taken as known. docs/how_to/identify.md explains the method. The exit code
-is 1 if the recording does not determine the coefficient, or its motion leaves the joint.
+there are any, of a real or a simulated joint. Mass and inertia of a free body must be known, or are
+estimated too (--estimate). The parameters are those of the recording or of --params FILE. Those
+that the motion does not determine are listed and taken as known. docs/how_to/identify.md explains
+the method. The exit code is 1 if the recording does not determine the coefficient, or its motion
+leaves the joint. --report writes one page that says whether to believe the values, with plots and
+what to record next.
 
-For example: cylconn identify BAG --known radius=0.02 --plot estimate.png
+For example: cylconn identify BAG --known radius=0.02 --report friction.html
 
-Next: put the estimates into friction.* of a scene, and compare with cylconn replay BAG --set.
+Next: read the page; put the estimates into friction.* of a scene, and compare with
+cylconn replay BAG --set.
 """
 
 from __future__ import annotations
@@ -18,14 +21,24 @@ import importlib.util
 import json
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.identify_axis import axis_report
+from cylconn_ros.cli.identify_page import (
+    friction_facts,
+    friction_findings,
+    given,
+    nothing_found,
+)
+from cylconn_ros.cli.page_file import check_page, write_page
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError, IdentifyError, IndeterminateError
-from cylconn_ros.recording.run import read_run
+from cylconn_ros.recording.run import Run, read_run
+from cylconn_ros.report.findings import Findings
+from cylconn_ros.report.page import Fact
 from cylconn_ros.scene.inputs import BODIES, INPUTS
 from cylconn_ros.scene.scene import load
 
@@ -50,8 +63,12 @@ _TITLES = {
     "offset": "offset",
     "stribeck": "Stribeck",
     "decay": "decay",
+    "mass": "mass",
+    "inertia": "inertia",
 }
 _BASE = ("coefficient", "static_coefficient", "preload", "overlap", "radius")
+_INERTIA = ("mass", "inertia")
+_ALWAYS = (*_BASE, *_INERTIA)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +89,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[=VALUE]",
         help="do not estimate preload, overlap or radius; SI units, default: the parameter's value",
     )
+    parser.add_argument(
+        "--estimate", action="append", default=[], choices=("mass", "inertia"), dest="unknown",
+        help="also the mass of the free body, or its inertia about the slot; needs a recorded load "
+        "or effort along the slot",
+    )  # fmt: skip
     parser.add_argument(
         "--remap",
         "--topic",
@@ -96,6 +118,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "inertia and parameters; friction is one number, mu FN0",
     )  # fmt: skip
     parser.add_argument(
+        "--report", type=Path, metavar="FILE",
+        help="write a page (.html, works offline): whether to believe the values and why, "
+        "intervals, plots of residuals, what to record next",
+    )  # fmt: skip
+    parser.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the estimate: .png, .svg or .pdf"
     )
     parser.add_argument(
@@ -113,7 +140,8 @@ def run(options: argparse.Namespace) -> int:
     """
     _check(options)
     if options.axis:
-        return axis_report(options.axis, [options.recording, *options.others], options.json)
+        recordings = [options.recording, *options.others]
+        return axis_report(options.axis, recordings, options.json, options.report)
     from cylconn_ros.identification.recording import identify
 
     recorded = read_run(options.recording, options.connector)
@@ -123,10 +151,13 @@ def run(options: argparse.Namespace) -> int:
         try:
             found = identify(
                 recorded, scene, known=dict(options.known), remap=dict(options.topic),
-                drive=options.drive, others=options.others,
+                drive=options.drive, others=options.others, unknown=options.unknown,
             )  # fmt: skip
         except IndeterminateError as error:
             print(f"cylconn identify: {recorded.path}: {error}", file=sys.stderr)
+            if options.report is not None:
+                _write_page(options, recorded, nothing_found(str(error)), [])
+                print(f"report      {options.report}", file=sys.stderr)
             return 1
         except IdentifyError as error:
             raise CommandError(f"{recorded.path}: {error}") from None
@@ -140,16 +171,67 @@ def run(options: argparse.Namespace) -> int:
     if options.plot is not None:
         _draw(found, recorded.path.name, options.plot)
         print(f"picture     {options.plot}")
+    if options.report is not None:
+        page = friction_findings(found, advise(found))
+        _write_page(options, recorded, page, friction_facts(found), _counts(found))
     if str(options.json) != "-":
-        plot = "" if options.plot is not None else "draw the estimate with --plot FILE.png; "
-        print(f"\nnext: {plot}put the values into friction.* of a scene")
+        if options.report is not None:
+            print(f"report      {options.report}")
+        print(f"\nnext: {_next(found, options.report)}")
     return 0 if found.accepted else 1
 
 
+def _next(found: Identification, page: Path | None) -> str:
+    """Say what to do with the result."""
+    read = f"open {page} in a browser" if page is not None else "see why with --report FILE.html"
+    return f"{read}; " + (
+        "put the values into friction.* of a scene"
+        if found.accepted
+        else "record the motion that is advised"
+    )
+
+
+def _write_page(
+    options: argparse.Namespace,
+    recorded: Run,
+    found: Findings,
+    facts: Sequence[Fact],
+    counts: Sequence[tuple[str, str]] = (),
+) -> None:
+    """Write the page of --report."""
+    names = [_stem(path) for path in [options.recording[0], *options.others]]
+    sources = [("recording", ", ".join(names))]
+    sources += [("connector", options.connector)] if options.connector else []
+    sources += [("drive, not friction", options.drive)] if options.drive else []
+    if options.params is not None:
+        parameters = options.params.read_text(encoding="utf-8")
+        sources.append(("parameters", options.params.name))
+    else:
+        parameters = recorded.metadata.get("parameters", "")
+        sources.append(("parameters", "stored in the recording"))
+    write_page(options.report, names[0], found, facts, [*sources, *counts], parameters)
+
+
+def _stem(path: Path) -> str:
+    return path.resolve().with_suffix("").name
+
+
+def _counts(found: Identification) -> list[tuple[str, str]]:
+    """Return what the recording contains, and what was skipped."""
+    listed = [
+        ("intervals of slip", f"{found.slip_intervals} in {found.windows} windows"),
+        ("intervals of rest", f"{found.rest_intervals} in {found.rest_windows} windows"),
+    ]
+    return listed + [("skipped", f"{count} ({reason})") for reason, count in found.skipped.items()]
+
+
 def _check(options: argparse.Namespace) -> None:
-    for name in ("scipy",) if options.plot is None else ("scipy", "matplotlib"):
+    needed = {"scipy": True, "matplotlib": options.plot is not None}
+    for name in (name for name, needs in needed.items() if needs):
         if importlib.util.find_spec(name) is None:
             raise CommandError(f"needs {name}: pip install '.[demo]'")
+    if options.report is not None:
+        check_page(options.report)
     if options.plot is not None and options.plot.suffix not in _PICTURES:
         raise CommandError(f"{options.plot}: a picture must end in one of {', '.join(_PICTURES)}")
 
@@ -173,7 +255,7 @@ def table(found: Identification) -> list[str]:
     lines += [
         _row(found.estimates[name])
         for name in _TITLES
-        if name in found.estimates and (name in _BASE or found.estimates[name].found)
+        if name in found.estimates and (name in _ALWAYS or found.estimates[name].found)
     ]
     lines += ["", *(f"verdict     {line}" for line in found.verdict())]
     lines += [f"left out    {name}: {why}" for name, why in found.choice.left_out.items()]
@@ -183,7 +265,7 @@ def table(found: Identification) -> list[str]:
         for e in found.estimates.values()
         if e.name in _BASE and not e.found and math.isfinite(e.value)
     ]
-    facts = ["mass, inertia and nodes of the parameters"]
+    facts = [f"{given(found)} of the parameters"]
     facts += [
         f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
     ]
@@ -224,7 +306,7 @@ def as_json(found: Identification) -> dict[str, Any]:
 
     return {
         "estimates": {
-            f"friction.{e.name}": {
+            (e.name if e.name in _INERTIA else f"friction.{e.name}"): {
                 "estimated": e.found,
                 "value": number(e.value),
                 "interval_95": [number(e.low), number(e.high)] if e.found else None,

@@ -185,8 +185,8 @@ class LoadHistory:
         """Take a load (6: force, torque) on a body, and count it if it is not in time.
 
         ``stamp``: ns, 0 for a load that acts from the next sample on. ``axes``: IN_WORLD or
-        IN_BODY. ``last``: stamp of the last sample in ns, or None. Returns whether the load is that
-        of the last sample, which has been processed without it.
+        IN_BODY. ``last``: stamp of the last sample in ns, or None. Returns whether the load
+        acts on the last sample, which has been processed without it.
         """
         late = False
         state = self.state
@@ -196,10 +196,11 @@ class LoadHistory:
         elif stamp == 0 and last != 0:
             stamp = last or 0
         elif last is not None:
-            late = abs(stamp - last) <= tolerance < stamp - in_force
+            late = stamp - last <= tolerance < stamp - in_force
             if late:
                 counts.late_loads, counts.load_body = counts.late_loads + 1, body
-                note_own_load(body, state)
+                if last - stamp <= tolerance:
+                    note_own_load(body, state)
             elif stamp < in_force:
                 counts.unused_loads, counts.load_body = counts.unused_loads + 1, body
             elif stamp - last > EARLY:

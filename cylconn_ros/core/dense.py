@@ -11,11 +11,12 @@ SINGULAR = 1e-13  # pivots below this share of the greatest element of their row
 
 @device_function
 def solve_general(a: Array, n: int, columns: int) -> int:
-    """Solve A X = B by elimination with scaled row pivoting; returns the rank.
+    """Solve A X = B by elimination with scaled row pivoting; returns the sign of det A.
 
-    a: (n, n + columns) A and B; X replaces B. An unknown without an equation gets zero.
+    a: (n, n + columns) A and B; X replaces B. An unknown without an equation gets zero; the sign is
+    0 then.
     """
-    rank = n
+    sign = 1
     for k in range(n):  # rows are scaled by their greatest element
         greatest = 0.0
         for j in range(n):
@@ -29,12 +30,15 @@ def solve_general(a: Array, n: int, columns: int) -> int:
             if abs(a[i, k]) > best:
                 best, at = abs(a[i, k]), i
         if at != k:
+            sign = -sign
             for j in range(k, n + columns):
                 a[k, j], a[at, j] = a[at, j], a[k, j]
         if not best > SINGULAR:
-            rank -= 1
+            sign = 0
             a[k, k] = 0.0
             continue
+        if a[k, k] < 0.0:
+            sign = -sign
         inverse = 1.0 / a[k, k]
         for i in range(k + 1, n):
             factor = a[i, k] * inverse
@@ -50,7 +54,7 @@ def solve_general(a: Array, n: int, columns: int) -> int:
             for j in range(k + 1, n):
                 total -= a[k, j] * a[j, column]
             a[k, column] = total / a[k, k]
-    return rank
+    return sign
 
 
 @device_function

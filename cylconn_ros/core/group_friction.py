@@ -1,9 +1,9 @@
 """Solution of the friction problem of connectors that share bodies (core/group_problem.py).
 
-A semismooth Newton method solves H = 0, with step lengths that decrease |H|. Where it stalls, the
-problem with fixed radii, which is convex, is solved in turns with an update of the radii, and
-Newton's method starts again from there (Facchinei and Pang, Finite-Dimensional Variational
-Inequalities and Complementarity Problems, 2003, chapters 8 and 12).
+A semismooth Newton method solves H = 0 (core/group_newton.py; Facchinei and Pang, Finite-
+Dimensional Variational Inequalities and Complementarity Problems, 2003, chapters 8 and 12). Where
+it does not converge, regimes are enumerated if there are few connectors, and the solutions are
+followed from no friction on (core/group_path.py).
 
 Among several solutions: from a cold start or after slip, that found from no friction, which is as a
 rule the one of least normal force; connectors that stuck first try to stick. theta is 1/2 for a
@@ -13,14 +13,23 @@ connector that slipped, and 1 where its slip turns too far.
 import math
 from typing import Final
 
-from cylconn_ros.core.dense import solve_general
 from cylconn_ros.core.friction import Array
+from cylconn_ros.core.group_newton import (
+    ACCEPTED,
+    SOLVED,
+    clear,
+    damped_steps,
+    full_steps,
+    restore,
+    sharp_steps,
+    store,
+)
+from cylconn_ros.core.group_path import follow_path
 from cylconn_ros.core.group_problem import (
     GroupProblem,
     contradiction,
     evaluate,
     kept_share,
-    linearise,
     list_unknowns,
     reaction_at,
     shift,
@@ -30,65 +39,12 @@ from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import eigen2
 
 EPSILON: Final = 1e-7
-SOLVED: Final = 1e-14  # residual that cannot be improved
-ACCEPTED: Final = 1e-10  # residual of a solution
-_FULL_STEPS: Final = 8
-_DAMPED_STEPS: Final = 12
-_HALVINGS: Final = 8
-_SWEEPS: Final = 8
 _LAST_SWEEPS: Final = 100
 _WAYS: Final = 5
+_MOST_ENUMERATED: Final = 3  # connectors; with more, a path takes fewer steps
+_SETTLINGS: Final = 8
 _DECREASE: Final = 0.03  # of the proximal term
-_MOST_ENUMERATED: Final = 4  # connectors whose regimes are enumerated
 _CONTRADICTS: Final = 1e-2  # of a rate
-
-
-@inline_function
-def _store(g: GroupProblem, to: Array) -> None:
-    """Copy the unknowns to ``to`` (4 N,)."""
-    n = 2 * g.number
-    for j in range(n):
-        to[j], to[n + j] = g.phi[j], g.p[j]
-
-
-@inline_function
-def _restore(g: GroupProblem, source: Array) -> None:
-    """Copy the unknowns from ``source`` (4 N,)."""
-    n = 2 * g.number
-    for j in range(n):
-        g.phi[j], g.p[j] = source[j], source[n + j]
-
-
-@inline_function
-def _move(g: GroupProblem, unknowns: int, length: float) -> None:
-    """Go ``length`` times the Newton step from the point ``tried``."""
-    n = 2 * g.number
-    for row in range(unknowns):
-        k = int(g.listed[row])
-        value = g.tried[k] + length * g.matrix[row, unknowns]
-        if k < n:
-            g.phi[k] = value
-        else:
-            g.p[k - n] = value
-
-
-@device_function
-def _full_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
-    found = evaluate(g, follow)
-    steps = 0
-    while steps < _FULL_STEPS and found > SOLVED:
-        linearise(g, unknowns, follow)
-        solve_general(g.matrix, unknowns, 1)
-        _store(g, g.tried)
-        _move(g, unknowns, 1.0)
-        steps += 1
-        last, found = found, evaluate(g, follow)
-        if last < ACCEPTED and not found < 0.5 * last:  # rounding
-            if last < found:
-                _restore(g, g.tried)
-                found = evaluate(g, follow)
-            break
-    return found, steps
 
 
 @device_function
@@ -151,79 +107,68 @@ def least_on_disc(
 
 
 @device_function
-def _damped_steps(g: GroupProblem, unknowns: int, follow: bool) -> tuple[float, int]:
-    """Newton steps of lengths that decrease the residual; it, and their number."""
-    found, steps = evaluate(g, follow), 0
-    while steps < _DAMPED_STEPS and found > SOLVED:
-        linearise(g, unknowns, follow)
-        solve_general(g.matrix, unknowns, 1)
-        _store(g, g.tried)
-        steps += 1
-        length, best = 1.0, math.inf
-        for _ in range(_HALVINGS):
-            _move(g, unknowns, length)
-            best = evaluate(g, follow)
-            if best < found * (1.0 - 0.1 * length) or best <= SOLVED:
-                break
-            length *= 0.5
-        if not best < found * 0.9999:  # no progress
-            if best >= found:
-                _restore(g, g.tried)
-                found = evaluate(g, follow)
-            break
-        found = best
-    return found, steps
-
-
-@device_function
 def _newton(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     """Newton's method from phi, p, and other ways where it does not converge.
 
-    Returns the residual and the number of steps and sweeps.
+    Returns the least residual that is found and the number of steps.
     """
-    _store(g, g.start)
-    found, steps = _full_steps(g, unknowns, True)
-    for attempt in range(_WAYS):
-        if found <= ACCEPTED:
-            break
-        _restore(g, g.start)
-        taken = 0
-        if attempt == 0:
-            found, taken = _sharp_steps(g, unknowns)
-        elif attempt == 1:
-            found, taken = _damped_steps(g, unknowns, True)
-        elif attempt == 2:
-            found, taken = _enumerated(g, unknowns)
-        elif attempt == 3:
-            found, taken = _with_decreasing_term(g, unknowns)
-        else:
-            for _ in range(_SWEEPS):
-                evaluate(g, True)
-                _sweep(g)
-            _store(g, g.start)
-            found, taken = _damped_steps(g, unknowns, True)
-            if found > ACCEPTED:
-                _restore(g, g.start)
-                found, more = _sharp_steps(g, unknowns)
-                taken += more
-            if found > ACCEPTED:
-                _restore(g, g.start)
-                _, more = _with_decreasing_term(g, unknowns)
-                found, last = _damped_steps(g, unknowns, True)
-                taken += more + last
-            taken += _SWEEPS
+    store(g, g.start)
+    found, steps = full_steps(g, unknowns, True)
+    if found <= ACCEPTED:
+        return found, steps
+    least = math.inf
+    for way in range(_WAYS):
+        if found < least:
+            least = found
+            store(g, g.best)
+        _, taken = _by_way(g, unknowns, way)
         steps += taken
+        found = evaluate(g, True)
+        if found <= ACCEPTED:
+            return found, steps
+    if least < found:
+        restore(g, g.best)
+        found = evaluate(g, True)
     return found, steps
 
 
 @device_function
-def _sharp_steps(g: GroupProblem, unknowns: int) -> tuple[float, int]:
-    """Newton steps that tell stick from slip on the scale of the proximal term, then others."""
-    g.sharp[0] = 1.0
-    _, steps = _full_steps(g, unknowns, True)
-    g.sharp[0] = 0.0
-    found, taken = _full_steps(g, unknowns, True)
-    return found, steps + taken
+def _by_way(g: GroupProblem, unknowns: int, way: int) -> tuple[float, int]:
+    restore(g, g.start)
+    if way == 0:
+        return sharp_steps(g, unknowns)
+    if way == 1:
+        return damped_steps(g, unknowns, True)
+    if way == 2:
+        return _enumerated(g, unknowns) if g.number <= _MOST_ENUMERATED else (math.inf, 0)
+    if way == 3:
+        return follow_path(g, unknowns)
+    return _with_decreasing_term(g, unknowns)
+
+
+@device_function
+def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
+    """Newton's method from each choice of connectors that stick, the fewest first."""
+    found, steps = math.inf, 0
+    for size in range(1, g.number + 1):
+        for choice in range(1, 1 << g.number):
+            chosen = 0
+            for c in range(g.number):
+                chosen += (choice >> c) & 1
+            if chosen != size:
+                continue
+            for j in range(2 * g.number):
+                g.phi[j] = g.p[j] = 0.0
+            for c in range(g.number):
+                g.forced[c] = float((choice >> c) & 1)
+            _, taken = sharp_steps(g, unknowns)
+            for c in range(g.number):
+                g.forced[c] = 0.0
+            found, last = sharp_steps(g, unknowns)
+            steps += taken + last
+            if found <= ACCEPTED:
+                return found, steps
+    return found, steps
 
 
 @device_function
@@ -232,8 +177,11 @@ def _with_decreasing_term(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     found, steps = math.inf, 0
     g.epsilon[0] = 1.0
     while True:
-        found, taken = _full_steps(g, unknowns, True)
+        found, taken = full_steps(g, unknowns, True)
         steps += taken
+        if found > ACCEPTED:
+            found, taken = follow_path(g, unknowns)
+            steps += taken
         if g.epsilon[0] <= EPSILON:
             break
         g.epsilon[0] = max(_DECREASE * g.epsilon[0], EPSILON)
@@ -241,50 +189,18 @@ def _with_decreasing_term(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 
 
 @device_function
-def _enumerated(g: GroupProblem, unknowns: int) -> tuple[float, int]:
-    """Newton's method from each choice of connectors that stick, the fewest first."""
-    found, steps = math.inf, 0
-    choices = 1 << min(g.number, _MOST_ENUMERATED)
-    for size in range(1, g.number + 1):
-        for choice in range(1, choices):
-            chosen = 0
-            for c in range(min(g.number, _MOST_ENUMERATED)):
-                chosen += (choice >> c) & 1
-            if chosen != size:
-                continue
-            _clear(g)
-            for c in range(g.number):
-                g.forced[c] = float((choice >> c) & 1) if c < _MOST_ENUMERATED else 0.0
-            _, taken = _sharp_steps(g, unknowns)
-            for c in range(g.number):
-                g.forced[c] = 0.0
-            found, last = _sharp_steps(g, unknowns)
-            steps += taken + last
-            if found <= ACCEPTED:
-                return found, steps
-    return found, steps
-
-
-@device_function
-def _clear(g: GroupProblem) -> None:
-    n = 2 * g.number
-    for j in range(n):
-        g.phi[j] = g.p[j] = g.anchor[j] = g.anchor[n + j] = 0.0
-
-
-@device_function
 def _from_stick(g: GroupProblem, was_stick: Array, unknowns: int) -> tuple[float, int]:
     """From the solution in which connectors that stuck stick, whatever their limits."""
-    _clear(g)
+    clear(g)
     evaluate(g, True)
     for c in range(g.number):
         g.fixed[c] = math.inf if was_stick[c] != 0.0 else g.radius[c]
-    _, steps = _full_steps(g, unknowns, False)
-    _store(g, g.start)
-    found, taken = _full_steps(g, unknowns, True)
+    _, steps = full_steps(g, unknowns, False)
+    store(g, g.start)
+    found, taken = full_steps(g, unknowns, True)
     if found > ACCEPTED:
-        _restore(g, g.start)
-        found, last = _sharp_steps(g, unknowns)
+        restore(g, g.start)
+        found, last = sharp_steps(g, unknowns)
         taken += last
     return found, steps + taken
 
@@ -292,10 +208,10 @@ def _from_stick(g: GroupProblem, was_stick: Array, unknowns: int) -> tuple[float
 @device_function
 def _from_rest(g: GroupProblem, unknowns: int) -> tuple[float, int]:
     """From phi = 0: the solution of least normal force, as a rule."""
-    _clear(g)
+    clear(g)
     found, steps = _newton(g, unknowns)
     if found > ACCEPTED:
-        _clear(g)
+        clear(g)
         found, taken = _from_stick(g, g.on, unknowns)
         steps += taken
     return found, steps
@@ -303,17 +219,28 @@ def _from_rest(g: GroupProblem, unknowns: int) -> tuple[float, int]:
 
 @device_function
 def _settle(g: GroupProblem, unknowns: int, found: float) -> tuple[float, int]:
-    """Remove the proximal term."""
+    """Remove the proximal term, as long as that decreases the residual.
+
+    It does not where rounding sets rates that have to vanish together against each other.
+    """
     steps = 0
-    for _ in range(4):
-        _store(g, g.anchor)
-        found = evaluate(g, True)
+    store(g, g.anchor)
+    found = evaluate(g, True)
+    for _ in range(_SETTLINGS):
         if found <= SOLVED:
             break
-        found, taken = _newton(g, unknowns)
+        store(g, g.settled)
+        _, taken = _newton(g, unknowns)
         steps += taken
-    _store(g, g.anchor)
-    return evaluate(g, True), steps
+        store(g, g.anchor)
+        before, found = found, evaluate(g, True)
+        if not found < 0.9 * before:
+            if not found <= before:
+                restore(g, g.settled)
+                store(g, g.anchor)
+                found = evaluate(g, True)
+            break
+    return found, steps
 
 
 @device_function
@@ -368,7 +295,7 @@ def limit_friction(g: GroupProblem) -> None:
 
     With fixed limits the problem is convex: its forces are finite and feed no slip.
     """
-    _clear(g)
+    clear(g)
     evaluate(g, True)
     for c in range(g.number):
         g.fixed[c] = g.radius[c] if g.on[c] != 0.0 else math.inf

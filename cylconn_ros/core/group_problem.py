@@ -43,6 +43,7 @@ class GroupProblem(NamedTuple):
     on: Array  # (N,) whether friction is on
     s: Array  # (2 N, 2 N)
     free: Array  # (2 N,)
+    terms: Array  # (2 N,) sum of the absolute values of the terms of free
     base: Array  # (4 N,)
     by: Array  # (4 N, 2 N)
     low: Array  # (2 N,) bounds of s+, infinite: none
@@ -66,13 +67,19 @@ class GroupProblem(NamedTuple):
     away: Array  # (2 N,) the point that is projected on the disc
     radius: Array  # (N,)
     fixed: Array  # (N,) the radii, where they do not follow the reactions
-    forced: Array  # (N,) not 0: sticks whatever its limit
+    forced: Array  # (N,) 1: sticks, -1: slips, whatever its limit
+    share: Array  # (1,) factor on the limits
+    limits: Array  # (N,) without it
     residual: Array  # (4 N,) H of phi, of p
     listed: Array  # (4 N,) unknowns: j for phi_j, 2 N + j for p_j
-    matrix: Array  # (4 N, 4 N + 1)
+    matrix: Array  # (4 N + 1, 4 N + 2)
     tried: Array  # (4 N,) the unknowns before a Newton step
     start: Array  # (4 N,) the same before Newton's method
+    best: Array  # (4 N,) of the least residual
+    settled: Array  # (4 N,) before the proximal term is moved
     slope: Array  # (2 N,) of a limit
+    tangent: Array  # (4 N + 1,) of the path (core/group_path.py)
+    origin: Array  # (4 N + 1,) the point from which it is followed
 
 
 @inline_function
@@ -92,7 +99,7 @@ def evaluate(g: GroupProblem, follow: bool) -> float:
     """Update s+, the radii (``follow``; else the fixed ones) and H; returns the relative |H|."""
     n = 2 * g.number
     for j in range(n):
-        total, size = g.free[j], abs(g.free[j])
+        total, size = g.free[j], g.terms[j]
         for k in range(n):
             term = g.s[j, k] * (g.phi[k] + g.p[k])
             total += term
@@ -138,18 +145,25 @@ def _bound_residual(g: GroupProblem, j: int) -> float:
 
 
 @inline_function
+def is_within(g: GroupProblem, c: int, out: float) -> bool:
+    """Whether the point that is projected, at a distance ``out``, is taken as within the disc."""
+    if g.forced[c] != 0.0:
+        return g.forced[c] > 0.0 or out == 0.0
+    return bool(out <= g.radius[c])
+
+
+@inline_function
 def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
     i, j = 2 * c, 2 * c + 1
     m = g.epsilon[0] * g.mobility[c]
     gain = m if g.sharp[0] != 0.0 else g.gain[c]
     x, y = _slip(g, i), _slip(g, j)
     radius = g.fixed[c]
-    if g.forced[c] != 0.0:
-        radius = math.inf
-    elif follow:
+    if follow:
         law = model.law(g.par[c])
         rate = g.theta[c] * math.sqrt(x * x + y * y)
-        radius = limit(law, g.par[c], rate, contact(law, _reaction(g, c)).normal)
+        g.limits[c] = limit(law, g.par[c], rate, contact(law, _reaction(g, c)).normal)
+        radius = g.share[0] * g.limits[c]
     g.radius[c] = radius
     a = g.phi[i] - (x + m * (g.phi[i] - g.anchor[i])) / gain
     b = g.phi[j] - (y + m * (g.phi[j] - g.anchor[j])) / gain
@@ -159,7 +173,7 @@ def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
         b = 0.0
     g.away[i], g.away[j] = a, b
     out = math.sqrt(a * a + b * b)
-    share = 1.0 if out <= radius else radius / out
+    share = 1.0 if is_within(g, c, out) else radius / out
     g.residual[i], g.residual[j] = g.phi[i] - share * a, g.phi[j] - share * b
     size = (g.size[i] + g.size[j]) / g.gain[c] + (radius if radius < math.inf else 0.0)
     off = math.sqrt(g.residual[i] ** 2 + g.residual[j] ** 2)
@@ -210,7 +224,7 @@ def _limit_slope(g: GroupProblem, c: int) -> None:
     for k in range(n):
         by = (g.by[r, k], g.by[r + 1, k], g.by[r + 2, k], g.by[r + 3, k])
         by2, by3, turn2, turn3 = at_middle(law, by)
-        g.slope[k] = (
+        g.slope[k] = g.share[0] * (
             radial * (f2 * by2 + f3 * by3)
             + bending * (m2 * turn2 + m3 * turn3)
             + across * (x * g.s[i, k] + y * g.s[j, k])
@@ -273,7 +287,7 @@ def _linearise_disc(
     gain = m if g.sharp[0] != 0.0 else g.gain[c]
     a, b = g.away[i], g.away[j]
     out = math.sqrt(a * a + b * b)
-    slips = out > g.radius[c]
+    slips = not is_within(g, c, out)
     share, d11, d12, d22, n1, n2 = 1.0, 1.0, 0.0, 1.0, 0.0, 0.0
     if slips:
         share, n1, n2 = g.radius[c] / out, a / out, b / out

@@ -173,7 +173,8 @@ def _take_up(
                 at = model.INTEGRATION_MISFIT
                 mem[at] = MISFIT_KEPT * mem[at] + a.apart_halfway + b.apart_halfway
                 mem[at + 1] = MISFIT_KEPT * mem[at + 1] + a.apart_late + b.apart_late
-            if is_measured(par):
+            # the springs of an elastic constraint store energy, too: its balance tells nothing
+            if is_measured(par) and par[model.PENALTY] == 0.0:
                 balance = mem[model.WORK] - mem[model.ACTUATION_WORK] + mem[model.SPRING_ENERGY]
                 control_gain(mem, balance, abs(a.work) + abs(b.work))
 

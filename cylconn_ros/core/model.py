@@ -141,9 +141,9 @@ AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
 UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent wrenches
 USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last intervals
 LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
-PASSIVITY_CONTROLLER: Final = LATENCIES + 1  # 4 x 20: of offsets, swings, slide, spin
-#                             (methods/passivity_controller.py)
-NMEM: Final = PASSIVITY_CONTROLLER + 80
+PASSIVITY_CONTROLLER: Final = LATENCIES + 1  # 8 x 20: of offsets, swings, slide, spin;
+#                             oscillations of both offsets, swings (methods/passivity_controller.py)
+NMEM: Final = PASSIVITY_CONTROLLER + 160
 
 
 class Output(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,31 +21,35 @@ from cylconn_ros.identification.estimates import (
 from cylconn_ros.identification.forces.correlation import (
     MOST_TOGETHER,
     Correlation,
-    independent_noise,
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
 from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
 from cylconn_ros.identification.forces.segments import (
-    Segment,
     find_segments,
     slip_rate,
-    slip_threshold,
 )
-from cylconn_ros.identification.forces.windows import Windows, cut_windows
+from cylconn_ros.identification.inertia import estimate_inertia
 from cylconn_ros.identification.likelihood.contact_loads import (
     Calibrated,
     ContactLoads,
-    well_above_noise,
 )
 from cylconn_ros.identification.likelihood.kinetic import KineticFit, fit_law
-from cylconn_ros.identification.likelihood.law import COEFFICIENT, NAMES, FrictionLaw, slip
+from cylconn_ros.identification.likelihood.law import COEFFICIENT, FrictionLaw, slip
 from cylconn_ros.identification.likelihood.patterns import (
     Pattern,
+    Residuals,
     find_patterns,
+    residuals_of,
     unexplained_spread,
 )
-from cylconn_ros.identification.likelihood.selection import BASE, Choice, choose
+from cylconn_ros.identification.likelihood.selection import Choice, choose
+from cylconn_ros.identification.slips import (
+    free_parameters,
+    prepare,
+    slip_windows,
+    start_law,
+)
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
@@ -53,9 +57,6 @@ Array = NDArray[np.float64]
 
 PARAMETERS = ("preload", "overlap", "radius")
 """Parameters that need not be estimated if they are known."""
-MIN_WINDOWS = 10  # slip windows
-DIRECTION_SIGNIFICANCE = 8.0  # standard deviations by which slip exceeds its noise in a window
-DECAY_TIMES = 5.0  # decay rates above which the static coefficient has no effect on slip
 MAX_RELATIVE_DEVIATION = 0.4  # relative standard deviation of mu
 COARSE_DEVIATIONS = 2.0  # standard deviations of the change with half of the samples
 
@@ -80,6 +81,7 @@ class Identification:
         static: static friction.
         choice: terms of the model, those left out with the reason, and alternatives.
         patterns: residuals over rate, direction, load, place and time, most significant first.
+        residuals: of the windows, N, with the quantities of the windows.
         doubts: errors of the sensors for which the estimates are withheld, with the remedy.
         remarks: errors of the sensors that were allowed for.
     """
@@ -103,6 +105,7 @@ class Identification:
     static: static.StaticFriction = dataclasses.field(repr=False)
     choice: Choice = dataclasses.field(repr=False)
     patterns: tuple[Pattern, ...] = dataclasses.field(repr=False)
+    residuals: Residuals = dataclasses.field(repr=False)
     doubts: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -128,6 +131,7 @@ def estimate_friction(
     samples: Iterable[RecordedSample],
     known: Mapping[str, float] | None = None,
     drive: Array | None = None,
+    unknown: Sequence[str] = (),
 ) -> Identification:
     """Estimate friction from samples.
 
@@ -137,36 +141,39 @@ def estimate_friction(
         known: parameters not to be estimated (:data:`PARAMETERS`), with their values in SI units.
         drive: (n, 2) force and moment of a known drive over the interval that ends with each
             sample; default: the constant one of the scene.
+        unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
+            too; the scene's are then the start of the search. It needs known forces.
 
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
     known = dict(known or {})
-    start = _start(scene, known)
+    start = start_law(scene, known)
     samples = SampleArrays.collect(samples)
+    free, beside = free_parameters(known), None
+    if unknown:
+        beside = estimate_inertia(scene, samples, drive, start, free, unknown)
+        scene = beside.scene
     measured = measure_intervals(scene, samples, drive)
-    duration, delay = float(measured.time[-1]), twist_delay(measured)
-    measured, taken, noise = independent_noise(measured, start.radius)
-    segments = find_segments(measured, start.radius)
-    slips, skipped = _slip_windows(measured, segments, start.radius)
-    between = int(measured.usable.sum()) - sum(segment.size for segment in segments)
-    skipped["between slip and rest, or in a segment that is too short"] = between
-    loads = ContactLoads.of(slips)
-    data = Calibrated.of(slips, loads)
-    choice = choose(data, loads, start, _free(known))
+    delay = twist_delay(measured)
+    prepared = prepare(measured, start.radius)
+    measured, data, loads = prepared.measured, prepared.data, prepared.loads
+    slips, segments, skipped = data.windows, prepared.segments, prepared.skipped
+    choice = choose(data, loads, start, free)
     fitted = choice.fitted
     _refuse_noise(choice)
-    patterns = find_patterns(data, fitted)
-    coarse = _coarse_change(scene, samples, drive, fitted, max(taken, 1))
+    inertia: list[Estimate] = []
+    if beside is not None:
+        fitted, inertia = beside.widened(fitted)
+    residuals = residuals_of(data, fitted)
+    patterns = find_patterns(data, fitted, residuals)
+    coarse = _coarse_change(scene, samples, drive, fitted, max(prepared.taken, 1))
     rest = static.estimate_static(measured, segments, fitted)
     estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
-    doubts, remarks = _judge_noise(taken, noise, delay)
-    if measured.problem:
-        doubts = (measured.problem, *doubts)
-    rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
-    if not rejected and (spread := unexplained_spread(data, fitted)):
-        doubts += (spread,)
-    if reason := next(iter([*doubts, *rejected]), ""):
+    estimates |= {e.name: e for e in inertia}
+    doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
+    doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
+    if reason:
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
     law = fitted.law
     _, cos, sin = slip(slips.rates, law.radius)
@@ -178,7 +185,7 @@ def estimate_friction(
     return Identification(
         estimates=estimates,
         samples=len(samples),
-        duration=duration,
+        duration=float(samples.stamps[-1] - samples.stamps[0]) * 1e-9,
         slip_intervals=int(slips.intervals.sum()),
         rest_intervals=sum(s.size for s in segments if not s.slips),
         windows=len(slips),
@@ -195,9 +202,26 @@ def estimate_friction(
         static=rest,
         choice=choice,
         patterns=tuple(patterns),
+        residuals=residuals,
         doubts=doubts,
         remarks=remarks,
     )
+
+
+def _judge_fit(
+    measured: Intervals,
+    data: Calibrated,
+    fitted: KineticFit,
+    patterns: Sequence[Pattern],
+    doubts: tuple[str, ...],
+) -> tuple[tuple[str, ...], str]:
+    """Return all doubts, and the first reason to withhold the estimates; empty if there is none."""
+    if measured.problem:
+        doubts = (measured.problem, *doubts)
+    rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
+    if not rejected and (spread := unexplained_spread(data, fitted)):
+        doubts += (spread,)
+    return doubts, next(iter([*doubts, *rejected]), "")
 
 
 def _judge_noise(
@@ -214,74 +238,6 @@ def _judge_noise(
     if taken > 1:
         remarks = (f"{noise.describe()}: {taken} intervals were taken as one",)
     return doubts, remarks
-
-
-def _start(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
-    """Return the friction law of the parameters, at which the search starts."""
-    friction = scene.friction
-    if friction.overlap_change != "constant" or friction.contact_centre not in ("auto", "body_b"):
-        raise IdentifyError(
-            f"friction.overlap_change = {friction.overlap_change}, friction.contact_centre = "
-            f"{friction.contact_centre}: must be constant and body_b, as the overlap is estimated "
-            "as one number; record the joint within a range in which it changes little"
-        )
-    radius = known.get("radius", friction.radius)
-    if not np.isfinite(radius):
-        raise IdentifyError(
-            "friction.radius: is not in the parameters; the slip rate of a spin needs it: give it "
-            "with --params (then it is the start value) or --known radius=0.02"
-        )
-    overlap = known.get("overlap", friction.overlap)
-    mu = friction.coefficient if friction.coefficient > 0.0 else 0.1
-    preload = known.get("preload", friction.preload)
-    return FrictionLaw(mu, preload, 2.0 / overlap if overlap > 0.0 else 0.0, radius)
-
-
-def _free(known: Mapping[str, float]) -> list[int]:
-    return [k for k in BASE if NAMES[k] not in known]
-
-
-def _slip_windows(
-    measured: Intervals, segments: list[Segment], radius: float
-) -> tuple[Windows, Counter[str]]:
-    """Return the slip windows from which friction can be read, and the skipped ones by reason."""
-    windows = cut_windows(measured, [s for s in segments if s.slips])
-    skipped: Counter[str] = Counter()
-    skipped["windows in which the motion is not smooth"] = windows.rejected
-    s = np.concatenate([windows.rates[:, None], windows.ends], axis=1) * [1.0, radius]
-    slip = np.linalg.norm(s, axis=2).min(axis=1)
-    reverses = (s[:, 1] * s[:, 2]).sum(axis=1) <= 0.0  # between the two ends
-    noise = np.linalg.norm(windows.rate_noise * [1.0, radius], axis=1)
-    friction = measured.scene.friction
-    refused = (slip <= DIRECTION_SIGNIFICANCE * noise) | reverses
-    skipped["windows whose slip has no significant direction"] = int(refused.sum())
-    if np.isfinite(friction.static_coefficient) and friction.decay > 0.0:
-        mixed = ~refused & (slip * friction.decay < DECAY_TIMES)
-        skipped[f"windows slower than {DECAY_TIMES:g}/friction.decay"] = int(mixed.sum())
-        refused |= mixed
-    if np.isfinite(friction.max_force):
-        traction = np.hypot(windows.wrench[:, 0], windows.wrench[:, 3] / radius)
-        capped = ~refused & (traction > 0.9 * friction.max_force)
-        skipped["windows near friction.max_force"] = int(capped.sum())
-        refused |= capped
-    chosen = windows.take(~refused)
-    if len(chosen) >= MIN_WINDOWS:
-        clear = well_above_noise(chosen, ContactLoads.of(chosen))
-        if clear.sum() >= MIN_WINDOWS:
-            skipped["windows with a radial force or bending moment near zero"] = int((~clear).sum())
-            chosen = chosen.take(clear)
-    if len(chosen) < MIN_WINDOWS:
-        rate, deviation = slip_rate(measured, radius)
-        threshold = slip_threshold(measured, deviation)
-        reasons = ", ".join(f"{count} {name}" for name, count in (+skipped).items())
-        reasons += f"; {measured.problem}" if measured.problem else ""
-        raise IndeterminateError(
-            f"too little slip to identify friction: {len(chosen)} windows of slip, at least "
-            f"{MIN_WINDOWS} are needed; the slip rate reaches {rate.max():.3g} m/s, the threshold "
-            f"is {threshold:.3g} m/s (friction.rest_rate, five times the noise)"
-            + (f"; skipped: {reasons}" if reasons else "")
-        )
-    return chosen, +skipped
 
 
 def _refuse_noise(choice: Choice) -> None:
@@ -313,7 +269,7 @@ def _coarse_change(
         measured = measure_intervals(scene, samples.every_second(), thinned)
         measured = together(measured, (taken + 1) // 2)
         segments = find_segments(measured, fitted.law.radius)
-        slips, _ = _slip_windows(measured, segments, fitted.law.radius)
+        slips, _ = slip_windows(measured, segments, fitted.law.radius)
         data = Calibrated.of(slips, ContactLoads.of(slips))
         again = fit_law(data, fitted.law, fitted.free)
     except (IdentifyError, np.linalg.LinAlgError):

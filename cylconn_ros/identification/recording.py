@@ -18,6 +18,7 @@ from cylconn_ros.identification.forces.long_recordings import (
     joined,
 )
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
+from cylconn_ros.identification.inertia import UNKNOWN
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
 from cylconn_ros.scene.scene import Scene
@@ -34,6 +35,7 @@ def identify(
     connector: str = "",
     drive: str = "",
     others: Sequence[Path | str | Run] = (),
+    unknown: Sequence[str] = (),
 ) -> Identification:
     """Estimate the friction of a joint from a recorded motion.
 
@@ -50,6 +52,8 @@ def identify(
             Efforts commanded on ``~/command`` are subtracted in any case.
         others: further recordings of the same joint, with the same parameters and topics; all are
             fitted together.
+        unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
+            too, from recorded loads or efforts along the slot; those of the scene are the start.
 
     Returns
     -------
@@ -87,7 +91,11 @@ def identify(
         parts.append(samples)
         drives.append(known_drive(run, samples, drive))
         left_out += left
-    found = estimate_friction(scene, joined(parts), values, _joined_drives(parts, drives, scene))
+    for name in unknown:
+        if name not in UNKNOWN:
+            raise IdentifyError(f"unknown: {name!r} is not one of {', '.join(UNKNOWN)}")
+    drive_of_all = _joined_drives(parts, drives, scene)
+    found = estimate_friction(scene, joined(parts), values, drive_of_all, unknown)
     if left_out:
         found.skipped["in stretches of a long recording that were left out"] = left_out
     return found

@@ -121,7 +121,7 @@ def rests_at(p: Parameters, w: Array, w_size: Array, change: Array) -> tuple[Boo
     return np.abs(w) <= least, np.abs(np.abs(w) - least) <= margin
 
 
-def _nothing(n: int) -> Approach:
+def nothing(n: int) -> Approach:
     """No rest and no impacts, for n samples."""
     rest, side, time, hit, before, after, restitution, size = np.zeros((8, n, 2))
     closes, undecided = np.zeros((2, n, 2), dtype=np.bool_)
@@ -140,7 +140,7 @@ def approach(
     out: Array,
 ) -> Approach:
     """What slide and spin do at their stops, with the restitution that the outputs report."""
-    found = _nothing(len(p.h))
+    found = nothing(len(p.h))
     index = np.flatnonzero((np.isfinite(p.stops).any(axis=2) & ~held.rows).any(axis=1))
     if not len(index):
         return found
@@ -156,7 +156,7 @@ def _of_rows(
 ) -> Approach:
     """:func:`approach` of rows that have stops."""
     h, w, w_size = p.h[:, None], o.w[:, FREE], o.w_size[:, FREE]
-    found = _nothing(len(p.h))
+    found = nothing(len(p.h))
     bare, unit = problem_of(p, o, s), unit_of(p)
     loaded = bare.free / unit - s.hold  # without friction and reactions
     loaded_size = bare.free_size / unit * (1.0 + 1e-3 * bare.condition)[:, None]

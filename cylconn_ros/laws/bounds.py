@@ -155,6 +155,10 @@ def bounds(
         if near is None:
             near = approach(p, tables, o, s, held_of(p, o, s, found), out)
         _set_stops(p, o, past, found, near)
+        # the second of two impacts that overlap is that of a motion which begins at the first
+        meets = (near.side != 0.0) | (stop_sides(out) != 0.0)
+        goes_on = found.followed & ~found.begins
+        found.ambiguous |= p.on & (goes_on & meets[:, ::-1] & ~goes_on[:, ::-1]).any(axis=1)
     return found
 
 

@@ -87,8 +87,10 @@ def penalty(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     w, w_size = o.w[:, CONSTRAINED], o.w_size[:, CONSTRAINED]
     error = out[:, CONSTRAINT] + stiff * o.error + damp * w
     constraint = worst(ratio(error, stiff * o.error_size + damp * w_size))
+    # lowered gains are not published
+    lowered = out[:, layout.FLAGS].astype(np.int64) & layout.GAINS_LOWERED != 0
     return {
-        "constraint": constraint,
+        "constraint": np.where(lowered, np.nan, constraint),
         **_return_mapping(block, o),
         "stops": _penalty_bounds(block, o),
         "balance": explicit_balance(block, o, s, _middle_frame(block.parameters, o)),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.laws import elastic, residuals
-from cylconn_ros.laws.approach import Approach, Held, approach
+from cylconn_ros.laws.approach import Approach, Held, approach, nothing
 from cylconn_ros.laws.bounds import (
     CARRIED,
     bounds,
@@ -259,7 +259,9 @@ def _with_bounds(
         of, state, here = p.take(row), o.take(row), past.take(row)
         last = next_bounds_history(of, state, here, motion_bounds(of, state, here), out[row])
     # what slide and spin do at stops does not depend on the impacts before: all at once
-    near = _approach(p, tables, o, s, held_of(p, o, s, motion_bounds(p, o, past)), out)
+    near = nothing(len(sample))
+    if np.isnan(p.gains[:, 0]).all():  # a penalty method's stops are springs, its inertia unknown
+        near = _approach(p, tables, o, s, held_of(p, o, s, motion_bounds(p, o, past)), out)
     last = past.take(np.zeros(1, dtype=np.intp))
     for k in range(len(sample)):
         row = np.array([k])

@@ -19,6 +19,8 @@ from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.relative_state import measure
 from cylconn_ros.methods import passivity_controller, penalty
 
+LATE = 1.0  # m/s or rad/s: an oscillation that the work did not end grows as wrenches act late
+
 
 @device_function
 def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
@@ -27,6 +29,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
     penalty.watch_free_axes(par, mem, o)
+    penalty.watch_constraint(par, mem, o, LATE)
     y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]), h)
     m2, m3, low_too = _block(par, mem, 1, par[at + 1], par[at + 3], (e[2], e[3]), (w[1], w[2]), h)
     flags = penalty.write_outputs(par, mem, out, o, (y, z, m2, m3), h)

@@ -58,7 +58,7 @@ SAMPLES = 10  # in the window so far
 REVERSALS = 11  # in a row, each greater than the last
 FORCE = 12  # 2: of the last step
 GROWN = 3  # half cycles in a row that grew, in place of the work
-DIRECTION = 12  # 2: of the rate since its last reversal, in place of the force
+DIRECTION = 12  # of the rate since its last reversal, in place of the force
 ERROR = 14  # 2: of the last sample
 RATE = 16  # 2
 USUAL_RATE = 18  # greatest of the samples before a growth, fading
@@ -77,7 +77,10 @@ class Gains(NamedTuple):
 
 @inline_function
 def section(block: int) -> int:
-    """Start of the section of offsets (block 0), swings (1), slide (2) or spin (3)."""
+    """Start of the section of offsets (block 0), swings (1), slide (2), spin (3).
+
+    4 to 7: of the oscillations of both offsets and both swings.
+    """
     return model.PASSIVITY_CONTROLLER + SIZE * block
 
 
@@ -137,30 +140,32 @@ def update(mem: Array, at: int, g: Gains, e: Two, w: Two, multiplier: Two) -> No
 
 
 @device_function
-def watch(mem: Array, at: int, w: Two) -> bool:
-    """Whether the gains must be lowered: an oscillation grows, whenever the wrenches act.
+def watch(mem: Array, at: int, w: float, beyond: float, least: float) -> bool:
+    """Whether the gains must be lowered: the oscillation of a component grows; w: its rate.
 
-    If the latency is unknown, the work of a wrench is too. Of each half cycle, from one reversal of
-    the rate to the next, the greatest rate counts: it must grow by HALF_CYCLE_GROWTH, HALF_CYCLES
-    times in a row; half as often if it grows by STRONG_GROWTH.
+    This does not depend on when the wrenches act, whose work does. Of each half cycle, from one
+    reversal of the rate to the next, the greatest rate counts: it must grow by HALF_CYCLE_GROWTH,
+    HALF_CYCLES times in a row; three times if by STRONG_GROWTH, twice if by the square of that; and
+    to ``beyond`` times the square of the greatest one before, and of ``least``.
     """
-    _count_reversals(mem, at, w)
-    size = w[0] * w[0] + w[1] * w[1]
-    mem[at + RATE], mem[at + RATE + 1] = w
-    if w[0] * mem[at + DIRECTION] + w[1] * mem[at + DIRECTION + 1] <= 0.0:
+    if w * mem[at + DIRECTION] <= 0.0:
         before, peak = mem[at + LAST_PEAK], mem[at + PEAK_ENERGY]
         growing = peak > max(HALF_CYCLE_GROWTH * before, LEAST_RATE * LEAST_RATE)
         step = 2.0 if peak > STRONG_GROWTH * before else 1.0
+        if peak > max(STRONG_GROWTH**2 * before, OUT_OF_NOISE**2 * mem[at + USUAL_PEAK]):
+            step = 0.5 * HALF_CYCLES
         if growing and before > 0.0:
             mem[at + GROWN] += step
         else:
             mem[at + GROWN] = 0.0
-            mem[at + USUAL_PEAK] = max(FADING[1] * mem[at + USUAL_PEAK], before)
+            mem[at + USUAL_PEAK] = max(FADING[1] * mem[at + USUAL_PEAK], before, peak)
         mem[at + LAST_PEAK], mem[at + PEAK_ENERGY] = peak, 0.0
-        mem[at + DIRECTION], mem[at + DIRECTION + 1] = w
-    mem[at + PEAK_ENERGY] = max(mem[at + PEAK_ENERGY], size)
+        mem[at + DIRECTION] = w
+    mem[at + PEAK_ENERGY] = max(mem[at + PEAK_ENERGY], w * w)
     greatest = max(mem[at + LAST_PEAK], mem[at + PEAK_ENERGY])
-    if mem[at + GROWN] < HALF_CYCLES or greatest < OUT_OF_NOISE * mem[at + USUAL_PEAK]:
+    if mem[at + GROWN] < HALF_CYCLES or greatest < beyond * max(
+        mem[at + USUAL_PEAK], least * least
+    ):
         return False
     mem[at + GROWN] = 0.0
     return True
@@ -175,7 +180,8 @@ def watch_reversals(mem: Array, at: int, w: Two) -> None:
 
 @inline_function
 def lower(mem: Array, at: int) -> None:
-    """Reduce the stiffness to a sixteenth and the damping to a quarter."""
+    """Reduce stiffness and multiplier gain to a sixteenth and the damping to a quarter."""
+    mem[at + MULTIPLIER_REDUCTION] += math.log(16.0)
     mem[at + STIFFNESS_REDUCTION] += math.log(16.0)
     mem[at + DAMPING_REDUCTION] += math.log(4.0)
 

@@ -41,7 +41,7 @@ from cylconn_ros.core.small_matrices import Four
 from cylconn_ros.core.vectors import add_scaled, scale, turned
 from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.drives.spring import drive_force, is_moved_from
-from cylconn_ros.methods.passivity_controller import Two
+from cylconn_ros.methods.passivity_controller import OUT_OF_NOISE, Two
 
 
 @device_function
@@ -51,12 +51,10 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     at = model.PENALTY
     e, v, w = o.error, o.twist.v, o.twist.w
     watch_free_axes(par, mem, o)
+    watch_constraint(par, mem, o, 0.0)
     if adapts_gains(par):
-        first, second = passivity_controller.section(0), passivity_controller.section(1)
-        grows = passivity_controller.watch(mem, first, (v[1], v[2]))
-        if passivity_controller.watch(mem, second, (w[1], w[2])) or grows:
-            passivity_controller.lower(mem, first)
-            passivity_controller.lower(mem, second)
+        passivity_controller.watch_reversals(mem, passivity_controller.section(0), (v[1], v[2]))
+        passivity_controller.watch_reversals(mem, passivity_controller.section(1), (w[1], w[2]))
     y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]))
     m2, m3, low_too = _block(par, mem, 1, par[at + 1], par[at + 3], (e[2], e[3]), (w[1], w[2]))
     flags = write_outputs(par, mem, out, o, (y, z, m2, m3), h)
@@ -84,6 +82,28 @@ def _free_axis_shares(par: Array, mem: Array, k: int) -> tuple[float, float]:
         lowered = passivity_controller.shares(mem, passivity_controller.section(2 + k))
         stiff, damp = lowered[0] * stiff, lowered[1] * damp
     return stiff, damp
+
+
+@device_function
+def watch_constraint(par: Array, mem: Array, o: RelativeState, least: float) -> None:
+    """Lower the gains of the constraint if an oscillation of an offset or a swing grows.
+
+    ``least``: a third of the rate that it must reach, m/s and rad/s.
+    """
+    if adapts_gains(par):
+        v, w, grows = o.twist.v, o.twist.w, False
+        for k in range(4):
+            rate = v[1 + k] if k < 2 else w[k - 1]
+            at = passivity_controller.section(4 + k)
+            grows = passivity_controller.watch(mem, at, rate, OUT_OF_NOISE**2, least) or grows
+        if grows:
+            passivity_controller.lower(mem, passivity_controller.section(0))
+            passivity_controller.lower(mem, passivity_controller.section(1))
+            for k in range(4):  # what grew before the gains were lowered does not count again
+                at = passivity_controller.section(4 + k)
+                mem[at + passivity_controller.GROWN] = mem[at + passivity_controller.LAST_PEAK] = (
+                    0.0
+                )
 
 
 @inline_function

@@ -11,10 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from cylconn_ros.errors import RecordingError
+from cylconn_ros.report import findings
+from cylconn_ros.report.findings import Findings
 
 _STATIC = Path(__file__).parent / "static"
 _LIBRARY = ("bokeh", "bokeh-api")
-_SCRIPTS = ("data", "axis", "chart", "events", "plane", "solid", "scene", "cursor", "main")
+_RUN = (
+    "data", "axis", "start", "chart", "events", "plane", "solid", "scene", "cursor", "main",
+)  # fmt: skip
+_FINDINGS = ("data", "axis", "start", "points", "findings")
 
 
 def library() -> str:
@@ -72,26 +77,75 @@ def render(
 
     """
     parts = {
-        "title": html.escape(title),
-        "facts": "\n".join(_fact(fact) for fact in facts),
+        "facts": _facts(facts),
         "notes": "\n".join(f"<li>{html.escape(note)}</li>" for note in notes),
-        "sources": "\n".join(
-            f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in sources
-        ),
+        "sources": _sources(sources),
         "parameters": html.escape(parameters or "none were stored with the run"),
-        "style": (_STATIC / "page.css").read_text(encoding="utf-8"),
-        "script": "\n".join(
-            (_STATIC / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS
-        ),
+    }
+    return _assemble("page", ["page"], _RUN, title, parts, head, numbers)
+
+
+def render_findings(
+    title: str,
+    found: Findings,
+    facts: Sequence[Fact],
+    sources: Sequence[tuple[str, str]],
+    parameters: str,
+) -> str:
+    """Render a page of findings: verdict, facts, and sections with tables and plots.
+
+    Arguments are those of :func:`render`; the data are those of the plots in ``found``.
+    """
+    head, numbers = findings.build(found)
+    parts = {
+        "verdict": findings.verdict_html(found),
+        "facts": _facts(facts),
+        "sections": "\n".join(findings.section_html(one) for one in found.sections),
+        "sources": _sources(sources),
+        "parameters": html.escape(parameters or "none were given"),
+    }
+    styles = ["page", "findings"]
+    return _assemble("findings", styles, _FINDINGS, title, parts, head, numbers)
+
+
+def _assemble(
+    template: str,
+    styles: Sequence[str],
+    scripts: Sequence[str],
+    title: str,
+    parts: dict[str, str],
+    head: dict[str, Any],
+    numbers: str,
+) -> str:
+    """Fill a template of static/ with texts, style, scripts, library and data."""
+    parts = {
+        **parts,
+        "title": html.escape(title),
+        "style": _files(styles, "css"),
+        "script": _files(scripts, "js"),
         "library": library(),
         # Within a script element only `<` can end the element or start a comment.
         "head": json.dumps(head, allow_nan=False).replace("<", "\\u003c"),
         "numbers": numbers,
     }
     # Split, not replaced one by one, since inserted text may itself contain a placeholder.
-    pieces = (_STATIC / "page.html").read_text(encoding="utf-8").split("%%")
+    pieces = (_STATIC / f"{template}.html").read_text(encoding="utf-8").split("%%")
     pieces[1::2] = [parts[name] for name in pieces[1::2]]
     return "".join(pieces)
+
+
+def _files(names: Sequence[str], kind: str) -> str:
+    return "\n".join((_STATIC / f"{name}.{kind}").read_text(encoding="utf-8") for name in names)
+
+
+def _facts(facts: Sequence[Fact]) -> str:
+    return "\n".join(_fact(fact) for fact in facts)
+
+
+def _sources(sources: Sequence[tuple[str, str]]) -> str:
+    return "\n".join(
+        f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in sources
+    )
 
 
 def _fact(fact: Fact) -> str:

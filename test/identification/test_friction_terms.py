@@ -27,6 +27,29 @@ def test_friction_by_direction_does_not_make_the_normal_force_vanish() -> None:
     assert "holds: Coulomb, difference by direction" in found.verdict()[0]
 
 
+@pytest.mark.parametrize("seed", [100, 103])
+def test_several_missing_terms_do_not_hide_each_other(seed: int) -> None:
+    """One by one none enters: the misfit of the others widens the interval of each."""
+    rows = joints.motion(joints.law_of("all"))
+    found = estimate_friction(joints.scene(), joints.measured(rows, "coloured", seed))
+    assert found.accepted
+    assert set(found.choice.terms) == {
+        "viscous friction of the slide", "difference by direction", "offset force",
+        "Stribeck decay",
+    }  # fmt: skip
+    truth = {"coefficient": 0.2, "radius": 0.02, "c1": 2.0, "offset": 1.0, "stribeck": 0.5}
+    for name, value in truth.items():
+        assert found[name].low <= value <= found[name].high, name
+
+
+def test_a_term_that_a_later_one_explains_leaves() -> None:
+    """Viscous friction of the spin enters before R is free, and is not needed afterwards."""
+    rows = joints.motion(joints.law_of("all"))
+    found = estimate_friction(joints.scene(), joints.measured(rows, "white", 1))
+    assert "viscous friction of the spin" not in found.choice.terms
+    assert any("viscous friction of the spin" in terms for terms, _ in found.choice.steps)
+
+
 def test_friction_that_no_term_describes_is_rejected_and_has_no_numbers() -> None:
     """A friction that depends on the place in the slot."""
     law = joints.law_of("Coulomb")
@@ -65,6 +88,16 @@ def test_an_axis_from_positions_and_effort_alone() -> None:
     still = dataclasses.replace(recording, position=0.0 * recording.position)
     with pytest.raises(IdentifyError, match="0 windows"):
         estimate_axis([still])
+
+
+def test_a_constant_force_that_was_not_recorded_is_an_offset() -> None:
+    recording = axis.simulate(seed=3)
+    found = estimate_axis([recording])
+    biased = estimate_axis([dataclasses.replace(recording, effort=recording.effort + 5.0)])
+    moved = biased.value - found.value
+    assert moved[3] == pytest.approx(5.0, abs=1e-6)
+    assert moved[:3] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert biased.residual == pytest.approx(found.residual, rel=1e-3)
 
 
 def test_a_table_and_advice() -> None:

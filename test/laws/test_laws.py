@@ -12,11 +12,13 @@ import pytest
 from paths import ROOT
 from scenes import bundled
 
+import cylconn_ros as cr
 from cylconn_ros.cli.main import main
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.laws import order, residuals, sampling, selection
 from cylconn_ros.laws.guarantees import GUARANTEES, guaranteed_laws, title
+from cylconn_ros.laws.runs import first_violation
 from cylconn_ros.laws.summary import REQUIRED_REGIMES, LawSummary
 from cylconn_ros.methods.traits import TRAITS
 
@@ -317,3 +319,22 @@ def test_unsuitable_methods_are_rejected(
 ) -> None:
     assert main(["laws", *options]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_penalty_run_at_stops_is_checked_without_inertia() -> None:
+    """Its stops are springs: no motion towards them is computed, which needs the inertia."""
+    scene = cr.Scene(
+        method="penalty",
+        penalty=cr.Penalty(
+            stiffness=1e5, damping=300.0, rotational_stiffness=1e3, rotational_damping=3.0,
+        ),
+        body_a=cr.Body(kind="fixed"),
+        body_b=cr.Body(kind="free", mass=2.0, inertia=(0.01, 0.0, 0.0, 0.02, 0.0, 0.02)),
+        node_a=cr.Node(orientation=(0.0, 0.0, 0.0, 1.0)),
+        stops=cr.Stops(l_max=0.01),
+        plant=cr.PlantSettings(body_b=cr.PlantBody(twist=(0.3, 0.0, 0.0, 1.0, 0.0, 0.0))),
+    )  # fmt: skip
+    run = cr.simulate(scene, samples=100)
+    assert (run["stop"] != 0).any()
+    unknown = dataclasses.replace(scene, body_b=cr.Body(kind="unknown"))
+    assert first_violation(unknown, run.states, run.outs) == ""

@@ -27,7 +27,7 @@ contacts.first_rate = unloaded
         """
 def still(*given):
     return leaving(*given)._replace(end=given[-1])
-contacts._leaving = still
+contacts.leaving = still
 """,
         ["bounces", "bounces with friction", "semi-implicit", "spin"],
     ),
@@ -37,7 +37,7 @@ def before(par, mem, o, r, sp, h, explicit, b1, b2, rates):
     now = o.twist.v[0], o.twist.w[0]
     s = leaving(par, mem, o, r, sp, h, explicit, b1, b2, now)
     return s._replace(end=(rates[0] + s.end[0] - now[0], rates[1] + s.end[1] - now[1]))
-contacts._leaving = before
+contacts.leaving = before
 """,
         ["bounces with friction", "spin"],
     ),
@@ -81,7 +81,7 @@ scenes = {
         command=cr.Command(slide=cr.Imposed(force=50.0)),
     ),
 }
-modules, leaving = [complementarity, contacts], contacts._leaving
+modules, leaving = [complementarity, contacts], contacts.leaving
 original, found = [dict(vars(module)) for module in modules], {}
 for name, change in json.loads(sys.argv[1]).items():
     exec(change, globals())

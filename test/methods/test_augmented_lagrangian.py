@@ -132,7 +132,7 @@ def test_the_requested_gain_is_used_until_it_is_unstable() -> None:
     for rho, lower in ((0.1, False), (0.5, True)):
         found = run(unknown(sleeve(mass=2.0, v=0.1), multiplier_gain=rho), 2.0)
         assert lowered(found).any() == lower
-        assert found["offset_violation"][-1] < 1e-9
+        assert found["offset_violation"][-1] < 1e-8
 
 
 def test_the_passivity_balance_is_bounded() -> None:

@@ -21,7 +21,7 @@ LOAD = (2.0, 3.0, 0.5, 0.0, 0.0, 0.1)
 def _scene(
     period: float, method: str, mu: float, twist: tuple[float, ...],
     com: tuple[float, ...] = CENTRED, load: tuple[float, ...] = (0.0,) * 6,
-    hold: str = "world", k1: float = 0.0, stop: float = np.nan,
+    hold: str = "world", k1: float = 0.0, stop: float = np.nan, turn: float = np.nan,
 ) -> cr.Scene:  # fmt: skip
     """A sleeve on a horizontal shaft; ``load`` acts at the origin of its frame."""
     friction = cr.Friction(coefficient=mu, radius=0.02, overlap=0.1) if mu > 0.0 else cr.Friction()
@@ -34,7 +34,7 @@ def _scene(
         node_a=cr.Node(orientation=(0.0, 0.0, 0.0, 1.0)),
         friction=friction,
         elasticity=cr.Elasticity(k1=k1),
-        stops=cr.Stops(l_max=stop, restitution=0.6),
+        stops=cr.Stops(l_max=stop, theta_max=turn, restitution=0.6),
         plant=cr.PlantSettings(body_b=cr.PlantBody(twist=twist, load=load)),
     )
 
@@ -82,4 +82,23 @@ def test_rebounds_with_friction_are_second_order(com: tuple[float, ...]) -> None
             errors[row, k] = slide, 0.05 * turn
     size = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=1))
     assert size[-1] < 1e-7
+    assert np.log2(size[0] / size[2]) / 2.0 > 1.75, size
+
+
+@pytest.mark.parametrize("later", [0.0, 0.3, -0.3, 0.8])
+def test_impacts_of_slide_and_spin_within_a_step_are_second_order(later: float) -> None:
+    """The spin hits its stop ``later`` periods after the slide, at several phases of a step."""
+    free = cr.simulate(_scene(1e-4, "minimal", 0.2, SLIDING), 0.12)
+    errors = np.zeros((3, 4, 2))
+    for k, time in enumerate(0.0803 + 6.25e-4 * np.arange(4)):
+        stop = float(np.interp(time, free.time, free["displacement"]))
+        for row, period in enumerate((2e-3, 1e-3, 5e-4)):
+            turn = float(np.interp(time + later * period, free.time, free["rotation"]))
+            case: dict[str, Any] = {"twist": SLIDING, "mu": 0.2, "stop": stop, "turn": turn}
+            exact = cr.simulate(_scene(1e-3, "minimal", **case), 0.12)
+            run = cr.simulate(_scene(period, "impulse", **case), 0.12)
+            slide = run["displacement"][-1] - exact["displacement"][-1]
+            errors[row, k] = slide, 0.05 * (run["rotation"][-1] - exact["rotation"][-1])
+    size = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=1))
+    assert size[-1] < 2e-8
     assert np.log2(size[0] / size[2]) / 2.0 > 1.75, size

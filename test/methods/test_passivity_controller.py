@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cylconn_ros.bench.faults import free_running
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.scene.scene import Scene
@@ -58,3 +59,41 @@ def test_gains_that_are_too_great_are_lowered_in_time(method: str, too_great: fl
         plant.step(out[layout.FORCE_A : layout.FORCE_B], out[layout.FORCE_B : layout.STATE0])
     assert int(out[layout.FLAGS]) & layout.GAINS_LOWERED
     assert greatest < 5e-3
+
+
+def hanging(method: str, kind: str) -> Scene:
+    """A sleeve that coasts to rest on its rail; careful gains for 5 ms: it sags by 4.9 mm."""
+    return Scene.from_parameters(
+        {
+            "method": method,
+            "period": 5e-3,
+            "plant_integration": "semi_implicit",
+            "body_b": {"kind": kind, "mass": 2.0, "inertia": [0.01, 0.0, 0.0, 0.02, 0.0, 0.02]},
+            "node_a": {"orientation": [0.0, 0.0, 0.0, 1.0]},
+            "friction": {"coefficient": 0.2, "radius": 0.02, "overlap": 0.1},
+            "penalty": {"stiffness": 4000.0, "damping": 120.0},
+            "plant": {"duration": 2.0, "body_b": {"twist": [0.5, 0.0, 0.0, 3.0, 0.0, 0.0]}},
+        }
+    )
+
+
+@pytest.mark.parametrize("lag", [1.0, 2.5, 5.0])
+@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
+def test_rest_on_elastic_constraints_keeps_its_gains_at_any_lag(method: str, lag: float) -> None:
+    """Small oscillations return energy from the springs: no reason to weaken them."""
+    found = free_running.run(hanging(method, "free"), free_running.Lag(lag))
+    assert found.latency == pytest.approx(np.ceil(lag), abs=0.1)
+    assert found.offset < 5.5e-3
+
+
+@pytest.mark.parametrize(
+    ("method", "lag", "most"),
+    [("penalty", 2.0, 6e-3), ("penalty", 3.0, 2.0), ("penalty", 5.0, 2.0), ("penalty", 12.0, 50.0),
+     ("augmented_lagrangian", 2.0, 6e-3), ("augmented_lagrangian", 3.0, 0.1),
+     ("augmented_lagrangian", 5.0, 2.0), ("augmented_lagrangian", 12.0, 50.0)],
+)  # fmt: skip
+def test_unknown_inertia_with_a_lag_does_not_run_away(method: str, lag: float, most: float) -> None:
+    """Gains that the lag makes unstable are lowered; their weight then lets the body sag."""
+    with np.errstate(all="ignore"):
+        found = free_running.run(hanging(method, "unknown"), free_running.Lag(lag))
+    assert found.offset < most

@@ -129,6 +129,8 @@ def _axis(noise: str, seed: int) -> Draw:
     found = estimate_axis([axis.simulate(seed=seed, noise=AXIS_NOISES[noise])])
     draw: Draw = {f"{OURS}/time": [1.0, time.process_time() - begin]}
     for name, truth in axis.TRUTH.items():
+        if not found.determined(name):
+            continue
         draw[f"{OURS}/{name}"] = _judged(*found[name], truth)
     return draw
 

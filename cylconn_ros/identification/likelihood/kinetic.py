@@ -198,7 +198,7 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
     derivative = slopes(law, data.windows.rates, data.loads, chosen)
     j = -np.einsum("nij,njk->nik", inverse, derivative) * scale
     bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-14)
-    covariance = _sandwich_covariance(j, r, bread)
+    covariance = sandwich_covariance(j, r, bread)
     if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
         raise IdentifyError("no friction shows: the traction does not oppose the slip")
     changed = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
@@ -231,7 +231,7 @@ def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
     return scales
 
 
-def _sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
+def sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
     """Return the HC3 covariance of a least-squares estimate, with blocks of two rows per window."""
     leverage = np.einsum("nia,ab,njb->nij", jacobian, bread, jacobian)
     left = np.linalg.solve(np.eye(2) * (1.0 + 1e-9) - leverage, r[:, :, None])[:, :, 0]

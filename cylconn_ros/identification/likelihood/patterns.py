@@ -7,6 +7,7 @@ if it is significant, all tests taken together, and exceeds MATERIAL of the trac
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ class Pattern(NamedTuple):
     component: str  # "along" or "across" the slip
     middles: Array  # (groups,) mean of the quantity
     means: Array  # (groups,) mean residual, N
+    errors: Array  # (groups,) standard errors of the means, N
     p: float  # probability of such means if the law holds
     rejected: bool
 
@@ -45,6 +47,15 @@ class Pattern(NamedTuple):
             f"{self.middles[k]:.3g}, {self.means.min():.3g} to {self.means.max():.3g} N in all "
             f"(p = {self.p:.1g})"
         )
+
+
+class Residuals(NamedTuple):
+    """Residual friction of n windows, and the quantities over which it is tested."""
+
+    along: Array  # (n,) along the slip, N
+    across: Array  # (n,) across it, N
+    over: dict[str, Array]  # (n,) by quantity, with its unit
+    traction: float  # median, N
 
 
 def quantities(data: Calibrated, fitted: KineticFit) -> dict[str, Array]:
@@ -62,42 +73,78 @@ def quantities(data: Calibrated, fitted: KineticFit) -> dict[str, Array]:
     }
 
 
-def find_patterns(data: Calibrated, fitted: KineticFit) -> list[Pattern]:
-    """Test the residuals of a fit; the patterns in the order of their significance."""
-    n = len(data)
-    groups = min(GROUPS, n // MIN_GROUP)
-    if groups < 2:
-        return []
-    law, r = fitted.law, fitted.residuals
+def residuals_of(data: Calibrated, fitted: KineticFit) -> Residuals:
+    """Return the residuals of a fit in newtons; moments are divided by R."""
+    law = fitted.law
     force = (data.force - friction(law, data.windows.rates, data.loads)) / [1.0, law.radius]
     _, cos, sin = slip(data.windows.rates, law.radius)
-    turned = np.stack(
-        [cos * force[:, 0] + sin * force[:, 1], cos * force[:, 1] - sin * force[:, 0]]
+    return Residuals(
+        cos * force[:, 0] + sin * force[:, 1],
+        cos * force[:, 1] - sin * force[:, 0],
+        quantities(data, fitted),
+        float(np.median(np.hypot(data.force[:, 0], data.force[:, 1] / law.radius))),
     )
-    limit = float(np.median(np.hypot(data.force[:, 0], data.force[:, 1] / law.radius)))
+
+
+def find_patterns(data: Calibrated, fitted: KineticFit, found: Residuals) -> list[Pattern]:
+    """Test the residuals of a fit; the patterns in the order of their significance."""
+    across = float(np.abs(data.windows.rates[:, 1]).max()) * fitted.law.radius
+    forces = {"along": found.along}
+    if across > 0.05 * float(np.abs(data.windows.rates[:, 0]).max()):
+        forces["across"] = found.across
+    weights = np.linalg.norm(factors(data, fitted.law)[0], axis=2)
+    return group_tests(
+        forces, fitted.residuals, weights, found.over, found.traction, len(fitted.free)
+    )
+
+
+def group_tests(
+    forces: Mapping[str, Array],
+    residuals: Array,
+    weights: Array,
+    over: Mapping[str, Array],
+    limit: float,
+    used: int,
+) -> list[Pattern]:
+    """Test whether residuals depend on a quantity.
+
+    Args:
+        forces: (n,) residual forces by component, N.
+        residuals: (n, components) the same over their deviations.
+        weights: (n, components) inverse deviations.
+        over: (n,) values by quantity; one that does not change is not tested.
+        limit: traction of which MATERIAL counts, N.
+        used: number of fitted parameters.
+
+    Returns the patterns in the order of their significance; none of too few residuals.
+    """
+    groups = min(GROUPS, len(residuals) // MIN_GROUP)
+    if groups < 2:
+        return []
     values = {
         name: value
-        for name, value in quantities(data, fitted).items()
+        for name, value in over.items()
         if np.ptp(value) > MIN_SPREAD * max(float(np.abs(value).mean()), 1e-9)
     }
-    across = float(np.abs(data.windows.rates[:, 1]).max()) * law.radius
-    components = ["along"]
-    if across > 0.05 * float(np.abs(data.windows.rates[:, 0]).max()):
-        components.append("across")
     found = []
-    weights = factors(data, law)[0]
-    for row, component in enumerate(components):
-        weight = np.linalg.norm(weights[:, row], axis=1)
+    for row, (component, force) in enumerate(forces.items()):
         for name, value in values.items():
             parts = np.array_split(np.argsort(value, kind="stable"), groups)
-            p = _probability([r[part, row] for part in parts], len(fitted.free))
-            means = np.array(
-                [np.average(turned[row, part], weights=weight[part] ** 2) for part in parts]
+            p = _probability([residuals[part, row] for part in parts], used)
+            square = np.square(weights[:, row])
+            means = np.array([np.average(force[part], weights=square[part]) for part in parts])
+            errors = np.array(
+                [
+                    np.sqrt(np.average(np.square(force[part] - mean), weights=square[part]))
+                    / np.sqrt(len(part))
+                    for part, mean in zip(parts, means, strict=True)
+                ]
             )
             big = float(np.abs(means).max()) > MATERIAL * limit
-            tests = len(components) * len(values)
+            tests = len(forces) * len(values)
             middles = np.array([value[part].mean() for part in parts])
-            found.append(Pattern(name, component, middles, means, p, big and p < ALARM / tests))
+            rejected = big and p < ALARM / tests
+            found.append(Pattern(name, component, middles, means, errors, p, rejected))
     return sorted(found, key=lambda one: one.p)
 
 

@@ -2,7 +2,10 @@
 
 The search starts at Coulomb friction with those of preload, overlap and radius that the motion
 excites. A term enters if it lowers ``-2 ln L + k ln n`` by more than MIN_GAIN, the one that lowers
-it most first; afterwards every term that does not pay any more leaves.
+it most first; afterwards every term that does not pay any more leaves. While several terms are
+missing, their misfit makes the intervals of each single one so wide that none enters. If the
+residuals exceed the noise in the end, the search begins anew with all terms, and the one whose loss
+costs least leaves first.
 """
 
 from __future__ import annotations
@@ -45,6 +48,7 @@ from cylconn_ros.identification.likelihood.law import (
 MAX_PREDICTED_DEVIATION = 0.25  # of a parameter's effect on the limit; above: not excited
 MIN_GAIN = 2.0  # of the criterion
 MIN_DEVIATIONS = 2.5  # standard deviations of a term that enters
+ENOUGH = 1.5  # misfit up to which terms are added one by one only
 SAME = 3.0  # difference of the criterion below which two models describe the data equally well
 MIN_UNEXPLAINED = 0.02  # of the effect of a term: what the terms in the model cannot imitate
 ROUGH = 10  # iterations of the fits that search for the decay
@@ -67,6 +71,7 @@ class Choice(NamedTuple):
     left_out: dict[str, str]  # the others, with the reason
     alternatives: dict[str, str]  # terms that are in, with the one that would do as well
     held: dict[str, str]  # preload, overlap or radius, with the reason why they are not estimated
+    steps: tuple[tuple[tuple[str, ...], KineticFit], ...]  # terms and fit, from Coulomb to the last
 
 
 def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list[int]) -> Choice:
@@ -77,6 +82,7 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
     fitted, held = fit_excited(data, loads, start, free)
     terms: list[str] = []
     reasons: dict[str, str] = {}
+    steps: list[tuple[tuple[str, ...], KineticFit]] = [((), fitted)]
     while True:
         best: tuple[float, str, KineticFit] | None = None
         for name in TERMS:
@@ -91,11 +97,18 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
             break
         _, name, fitted = best
         terms.append(name)
-    fitted, terms = _pruned(data, fitted, terms, reasons)
-    fitted = _freed(data, fitted, held)
+        steps.append((tuple(terms), fitted))
+    fitted, terms = _pruned(data, fitted, terms, terms[:-1], reasons)
+    if fitted.misfit > ENOUGH:
+        fitted, terms = _from_all_terms(data, fitted, terms, reasons)
+    freed = _freed(data, fitted, held)
+    if freed is not fitted:
+        fitted, terms = _pruned(data, freed, terms, terms, reasons)
+    if fitted is not steps[-1][1]:
+        steps.append((tuple(terms), fitted))
     alternatives = _alternatives(data, fitted, terms)
     left = {name: reasons[name] for name in TERMS if name not in terms}
-    return Choice(fitted, tuple(terms), left, alternatives, held)
+    return Choice(fitted, tuple(terms), left, alternatives, held, tuple(steps))
 
 
 def criterion(fitted: KineticFit, n: int) -> float:
@@ -103,73 +116,133 @@ def criterion(fitted: KineticFit, n: int) -> float:
     return 2.0 * fitted.cost + len(fitted.free) * float(np.log(n))
 
 
-def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[KineticFit | None, str]:
-    """Fit with one more term; None and the reason if the motion does not determine it."""
-    law, free = fitted.law, list(fitted.free)
-    at = TERMS[name]
+def _excitation(data: Calibrated, law: FrictionLaw, name: str) -> str:
+    """Return why a motion cannot show a term, whatever the model; empty if it can."""
     size, cos, _ = slip(data.windows.rates, law.radius)
     rates = np.abs(data.windows.rates)
-    share = rates[:, 1].max() * law.radius / size.max()
-    if name == "viscous friction of the spin" and share < 0.1:
-        return None, "not excited: it hardly spins"
+    if name == "viscous friction of the spin" and rates[:, 1].max() * law.radius < 0.1 * size.max():
+        return "not excited: it hardly spins"
     if name == "viscous friction of the slide" and rates[:, 0].max() < 0.1 * size.max():
-        return None, "not excited: it hardly slides"
+        return "not excited: it hardly slides"
     both = (cos > 0.3).sum() >= 3 and (cos < -0.3).sum() >= 3
     if name in ("offset force", "difference by direction") and not both:
-        return None, "not excited: it slides in one direction only"
-    others = at[:1]
-    if name != "Stribeck decay" and unexplained(data, law, free, at[0]) < MIN_UNEXPLAINED:
-        return None, "not excited: the terms in the model have the same effect in this motion"
-    if name != "Stribeck decay":
-        worst = predicted_deviations(data, law, [*free, *others])
-        if (worst > 2.0 * MAX_PREDICTED_DEVIATION).any():
-            return None, "not excited: the motion does not separate it from the others"
-        starts = [law]
-    else:
-        if size.max() < 3.0 * size.min():
-            return None, "not excited: the slip rate hardly changes"
-        decays = np.geomspace(1.0 / size.max(), 3.0 / size.min(), DECAYS)
-        starts = [dataclasses.replace(law, stribeck=0.3, decay=float(d)) for d in decays]
+        return "not excited: it slides in one direction only"
+    if name == "Stribeck decay" and size.max() < 3.0 * size.min():
+        return "not excited: the slip rate hardly changes"
+    return ""
+
+
+def _starts(data: Calibrated, law: FrictionLaw, names: list[str]) -> list[FrictionLaw]:
+    """Return the laws from which a fit with the terms ``names`` begins."""
+    if "Stribeck decay" not in names:
+        return [law]
+    size = slip(data.windows.rates, law.radius)[0]
+    decays = np.geomspace(1.0 / size.max(), 3.0 / size.min(), DECAYS)
+    return [dataclasses.replace(law, stribeck=0.3, decay=float(d)) for d in decays]
+
+
+def _best_fit(data: Calibrated, starts: list[FrictionLaw], free: list[int]) -> KineticFit | None:
+    """Return the most likely fit of several starts; rough if there are several."""
     best: KineticFit | None = None
     for start in starts:
         try:
-            tried = fit_law(
-                data, start, sorted([*free, *at]), ROUGH if len(starts) > 1 else MAX_ITERATIONS
-            )
+            tried = fit_law(data, start, free, ROUGH if len(starts) > 1 else MAX_ITERATIONS)
         except (IdentifyError, np.linalg.LinAlgError):
             continue
         if best is None or tried.cost < best.cost:
             best = tried
+    return best
+
+
+def _not_needed(fitted: KineticFit, name: str, cost: float) -> str:
+    """Say what a term is that is left out, and what it costs in the criterion to leave it out."""
+    k = TERMS[name][0]
+    value, half = fitted.law.vector[k], 1.96 * fitted.deviation(k)
+    return f"not needed: {NAMES[k]} = {value:.3g} ± {half:.2g} (criterion {-cost:+.1f})"
+
+
+def _wide(data: Calibrated, fitted: KineticFit) -> bool:
+    """Return whether a parameter is known worse than a half of its effect."""
+    allowed = 2.0 * MAX_PREDICTED_DEVIATION * parameter_scales(data, fitted.law)[list(fitted.free)]
+    return not bool((np.sqrt(np.diag(fitted.covariance)) <= allowed).all())
+
+
+def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[KineticFit | None, str]:
+    """Fit with one more term; None and the reason if the motion does not determine it."""
+    law, free = fitted.law, list(fitted.free)
+    at = TERMS[name]
+    if reason := _excitation(data, law, name):
+        return None, reason
+    if name != "Stribeck decay":
+        if unexplained(data, law, free, at[0]) < MIN_UNEXPLAINED:
+            return None, "not excited: the terms in the model have the same effect in this motion"
+        worst = predicted_deviations(data, law, [*free, at[0]])
+        if (worst > 2.0 * MAX_PREDICTED_DEVIATION).any():
+            return None, "not excited: the motion does not separate it from the others"
+    best = _best_fit(data, _starts(data, law, [name]), sorted([*free, *at]))
     if best is None:
         return None, "no fit"
-    if len(starts) > 1 and criterion(fitted, len(data)) - criterion(best, len(data)) > -SAME:
-        best = fit_law(data, best.law, best.free)
-    main = best.law.vector[at[0]]
-    deviation = best.deviation(at[0])
     gain = criterion(fitted, len(data)) - criterion(best, len(data))
-    text = (
-        f"not needed: {NAMES[at[0]]} = {main:.3g} ± {1.96 * deviation:.2g} (criterion {-gain:+.1f})"
-    )
-    if abs(main) < MIN_DEVIATIONS * deviation:
+    if name == "Stribeck decay" and gain > -SAME:
+        best = fit_law(data, best.law, best.free)
+        gain = criterion(fitted, len(data)) - criterion(best, len(data))
+    main = best.law.vector[at[0]]
+    text = _not_needed(best, name, gain)
+    if abs(main) < MIN_DEVIATIONS * best.deviation(at[0]):
         return None, text
-    allowed = 2.0 * MAX_PREDICTED_DEVIATION * parameter_scales(data, best.law)[list(best.free)]
-    wide = not (np.sqrt(np.diag(best.covariance)) <= allowed).all()
-    if wide or (name == "Stribeck decay" and not -0.95 < main < 10.0):
+    if _wide(data, best) or (name == "Stribeck decay" and not -0.95 < main < 10.0):
         return None, "not excited: the motion does not separate it from the others"
     return best, text
 
 
 def _pruned(
-    data: Calibrated, fitted: KineticFit, terms: list[str], reasons: dict[str, str]
+    data: Calibrated,
+    fitted: KineticFit,
+    terms: list[str],
+    tested: list[str],
+    reasons: dict[str, str],
 ) -> tuple[KineticFit, list[str]]:
-    """Leave out the terms that do not pay any more."""
-    for name in list(terms)[:-1]:
+    """Leave out those of the ``tested`` terms that do not pay any more."""
+    for name in list(tested):
         again = _without(data, fitted, name)
         if again is not None and criterion(again, len(data)) < criterion(fitted, len(data)):
             reasons[name] = "not needed: the terms that entered later explain it"
             fitted = again
             terms = [one for one in terms if one != name]
     return fitted, terms
+
+
+def _from_all_terms(
+    data: Calibrated, fitted: KineticFit, terms: list[str], reasons: dict[str, str]
+) -> tuple[KineticFit, list[str]]:
+    """Return the model that is left of all terms, if it describes the data better."""
+    base = [k for k in fitted.free if k in BASE]
+    names = [name for name in TERMS if not _excitation(data, fitted.law, name)]
+    free = sorted([*base, *(k for name in names for k in TERMS[name])])
+    best = _best_fit(data, _starts(data, fitted.law, names), free)
+    if best is not None:
+        best = fit_law(data, best.law, best.free)
+    why: dict[str, str] = {}
+    while best is not None and names:
+        without = {name: _without(data, best, name) for name in names}
+        costs = {
+            name: criterion(one, len(data)) - criterion(best, len(data))
+            for name, one in without.items()
+            if one is not None
+        }
+        worst = min(costs, key=lambda name: costs[name], default="")
+        if not worst or costs[worst] > MIN_GAIN:
+            break
+        why[worst] = _not_needed(best, worst, costs[worst])
+        names.remove(worst)
+        best = without[worst]
+    better = best is not None and (
+        criterion(best, len(data)) < criterion(fitted, len(data)) - MIN_GAIN
+    )
+    if best is None or not better or _wide(data, best):
+        return fitted, terms
+    reasons.update(why)
+    return best, names
 
 
 def _freed(data: Calibrated, fitted: KineticFit, held: dict[str, str]) -> KineticFit:

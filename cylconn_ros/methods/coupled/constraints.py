@@ -23,12 +23,12 @@ from cylconn_ros.core.least_norm import (
 )
 from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
-from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, out_of, times
+from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, norm, out_of, times
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.coupled.contacts import NLIMITS, NSOLUTION, rounding, write_limits
 from cylconn_ros.methods.dispatch import begin
-from cylconn_ros.methods.free_axes.contacts import without_stops
 from cylconn_ros.methods.free_axes.step import pose_free_axes
+from cylconn_ros.methods.free_axes.two_impacts import without_stops
 
 # --- prepared (NPREPARED,): quantities of a connector before wrenches act ---
 JACOBIAN_A: Final = 0  # 6 x 6, J~ of A: columns are its velocity and spin, world axes
@@ -43,7 +43,8 @@ PUSH: Final = 108  # springs, dampers, actuation: (f1, m1) = push - E w+ + x, 2
 E: Final = 110  # 2
 BACK: Final = 112  # the rate that restores the position that stick holds, 2
 WAS_STICK: Final = 114
-LIMITS: Final = 115  # 2 x NLIMITS, methods/coupled/contacts.py
+TERMS: Final = 115  # sizes of the terms of J~ vf, slide and spin, 2
+LIMITS: Final = 117  # 2 x NLIMITS, methods/coupled/contacts.py
 SOLUTION: Final = LIMITS + 2 * NLIMITS  # NSOLUTION, the group's
 NPREPARED: Final = SOLUTION + NSOLUTION
 
@@ -136,6 +137,10 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
     _write_inverse(o.body_b, s.b.middle.orientation, prepared, INVERSE_B)
     _put_twist(prepared, FREE, s.free)
     _put_twist(prepared, JACOBIAN_CHANGE, s.jacobian_change)
+    turns = (norm(s.a.end.spin), norm(s.b.end.spin))
+    arms = norm(s.acting.arm_a) * turns[0] + norm(s.acting.arm_b) * turns[1]
+    prepared[TERMS] = norm(s.a.end.velocity) + norm(s.b.end.velocity) + arms
+    prepared[TERMS + 1] = turns[0] + turns[1]
     for k in range(4):
         prepared[TARGET + k] = s.target[k]
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)

@@ -25,13 +25,10 @@ from cylconn_ros.methods.free_axes.complementarity import (
     solve_case,
     solve_with_limits,
 )
-from cylconn_ros.methods.free_axes.contacts import (
-    LimitedSolution,
-    StopBounds,
-    with_stops,
-)
+from cylconn_ros.methods.free_axes.contacts import LimitedSolution, with_stops
 from cylconn_ros.methods.free_axes.impact_friction import NO_IMPACT
 from cylconn_ros.methods.free_axes.step import PosedFreeAxes, pose_free_axes
+from cylconn_ros.methods.free_axes.two_impacts import StopBounds
 
 LOW: Final = 0  # bounds of w+
 HIGH: Final = 1

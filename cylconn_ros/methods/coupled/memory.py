@@ -56,12 +56,16 @@ def parts(work: Array, count: int, par: Array) -> tuple[Arrays, GroupProblem]:
     s = o13 + count + 1
     by = s + n * n
     m = by + q * n
-    v = m + 2 * n * (2 * n + 1)
+    v = m + (2 * n + 1) * (2 * n + 2)
     w = v + 16 * n
     u = w + 8 * count
+    x = u + 5 * q + 2 + n
+    y = x + 3 + 4 * n
+    z = y + 4 * n
     g = GroupProblem(
         count, par, work[w : w + count], work[s : s + n * n].reshape((n, n)), work[v : v + n],
-        work[u : u + q], work[by : by + q * n].reshape((q, n)), work[v + n : v + 2 * n],
+        work[z : z + n], work[u : u + q], work[by : by + q * n].reshape((q, n)),
+        work[v + n : v + 2 * n],
         work[v + 14 * n : v + 15 * n], work[v + 15 * n : v + 16 * n],
         work[v + 2 * n : v + 3 * n], work[v + 3 * n : v + 4 * n], work[v + 4 * n : v + 5 * n],
         work[v + 5 * n : v + 6 * n], work[v + 8 * n : v + 9 * n],
@@ -72,9 +76,12 @@ def parts(work: Array, count: int, par: Array) -> tuple[Arrays, GroupProblem]:
         work[v + 12 * n : v + 14 * n], work[v + 9 * n : v + 10 * n], work[v + 10 * n : v + 11 * n],
         work[v + 11 * n : v + 12 * n], work[w + 4 * count : w + 5 * count],
         work[w + 5 * count : w + 6 * count], work[w + 6 * count : w + 7 * count],
+        work[x : x + 1], work[w + 7 * count : w + 8 * count],
         work[u + q : u + 2 * q], work[u + 2 * q : u + 3 * q],
-        work[m : m + 2 * n * (2 * n + 1)].reshape((2 * n, 2 * n + 1)),
+        work[m : m + (2 * n + 1) * (2 * n + 2)].reshape((2 * n + 1, 2 * n + 2)),
         work[u + 3 * q : u + 4 * q], work[u + 4 * q : u + 5 * q],
+        work[y : y + 2 * n], work[y + 2 * n : y + 4 * n],
         work[u + 5 * q + 2 : u + 5 * q + 2 + n],
+        work[x + 1 : x + 2 + 2 * n], work[x + 2 + 2 * n : x + 3 + 4 * n],
     )  # fmt: skip
     return a, g

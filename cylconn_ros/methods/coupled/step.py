@@ -18,6 +18,7 @@ each connector completes its step as if it were alone, the forces of the others 
 (methods/free_axes/step.py): it solves its friction and limits once more, and stores its history.
 """
 
+import math
 from typing import Final
 
 from cylconn_ros.core import layout, model
@@ -41,6 +42,7 @@ from cylconn_ros.methods.coupled.constraints import (
     PUSH,
     RADIUS,
     SOLUTION,
+    TERMS,
     WAS_STICK,
     Arrays,
     E,
@@ -136,12 +138,14 @@ def _scale(g: GroupProblem, a: Arrays, constants: Array, h: float) -> None:
             g.by[i, j] *= r
         limits = LIMITS + NLIMITS * (j % 2)
         g.slips[j] = g.moves[j]
+        g.terms[j] = abs(g.free[j]) + r * a.prepared[c, TERMS + j % 2]
         g.low[j], g.high[j] = r * a.prepared[c, limits + LOW], r * a.prepared[c, limits + HIGH]
         g.phi[j] = g.p[j] = g.anchor[j] = g.anchor[n + j] = 0.0
         g.least[j], g.most[j] = (
             -a.prepared[c, limits + BELOW] / r,
             a.prepared[c, limits + ABOVE] / r,
         )
+    g.share[0] = 1.0
     _rest(g, a)
     for j in range(n):
         c, r = j // 2, constants[j // 2, RADIUS] if j % 2 == 1 else 1.0
@@ -236,11 +240,12 @@ def _reduced(a: Arrays, c: int, count: int, h: float) -> ReducedStep:
 @device_function
 def _complete(
     par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, moves: tuple[bool, bool],
-    flags: int, prepared: Array, out: Array,
+    flags: int, terms: float, prepared: Array, out: Array,
 ) -> int:  # fmt: skip
     """Complete the step of one connector, its constraints eliminated; returns the status.
 
     ``moves``: of slide and spin. What the others hold has no slip that friction could oppose.
+    ``terms``: sum of the terms of its slip, with which the residual of its direction is compared.
     """
     status = begin(par, mem, sample, h, out)
     if status != layout.OK:
@@ -262,7 +267,9 @@ def _complete(
     av = complete_free_axes(par, mem, o, r, q, found, h)
     flags = impulse.write_outputs(par, mem, out, o, s, av, h, 1.0)
     store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
-    out[layout.RESIDUAL] = av.solved.residual
+    x, y = av.solved.s_mean
+    slip = math.sqrt(x * x + y * y)
+    out[layout.RESIDUAL] = av.solved.residual * (slip / terms if slip < terms else 1.0)
     return finish(par, mem, sample, h, flags, out)
 
 
@@ -330,7 +337,10 @@ def _step(
         r = _reduced(a, c, count, h)
         moves = (g.moves[2 * c] != 0.0, g.moves[2 * c + 1] != 0.0)
         fix_limit(par[c], a.kept, g, c, solved)
-        status = _complete(par[c], mem[c], samples[c], h, r, moves, flags, a.prepared[c], outs[c])
+        terms = g.size[2 * c] + g.size[2 * c + 1]
+        status = _complete(
+            par[c], mem[c], samples[c], h, r, moves, flags, terms, a.prepared[c], outs[c]
+        )
         for k in range(SIZE):
             par[c, model.FRICTION + k] = a.kept[k]
         if status == layout.OK and model.law(par[c]).on:

@@ -36,13 +36,12 @@ from cylconn_ros.methods.free_axes.complementarity import (
 )
 from cylconn_ros.methods.free_axes.contacts import (
     LimitedSolution,
-    StopBounds,
     by_the_disc,
     stop_bounds,
     with_stops,
-    without_stops,
 )
 from cylconn_ros.methods.free_axes.impact_friction import NO_IMPACT
+from cylconn_ros.methods.free_axes.two_impacts import StopBounds, without_stops
 
 BLOCKED = 1e-9  # of target and pull-in speed: smallest difference from a target that is a conflict
 ROUNDING = 1e-12  # relative, of forces and rates that are compared with a drive's

@@ -36,11 +36,9 @@ from cylconn_ros.core.joint_limits import (
 )
 from cylconn_ros.core.relative_state import RelativeState
 from cylconn_ros.methods.free_axes.complementarity import (
-    BY_RULE,
     FreeAxesSolution,
     ReducedStep,
     StepWithSprings,
-    solve_case,
     solve_with_limits,
 )
 from cylconn_ros.methods.free_axes.impact_friction import (
@@ -50,21 +48,17 @@ from cylconn_ros.methods.free_axes.impact_friction import (
     shared,
     solve_impact,
 )
+from cylconn_ros.methods.free_axes.two_impacts import (
+    StopBounds,
+    begun_after,
+    begun_together,
+    leaving,
+    solve_two_impacts,
+    without_stops,
+)
 
 LEAST_FEEDBACK = 0.8  # gain of the feedback below which impacts have no second step
 LOST = 1.2  # periods between two samples above which one was lost
-
-
-class StopBounds(NamedTuple):
-    """Bounds of one component by its stops, and the impact that begins."""
-
-    bounds: Bounds
-    restitution: float  # eps'
-    rebound: float  # rate of the gap after the impact
-    acceleration: float  # of the gap after it
-    time: float  # from the sample to the impact, s
-    continues: bool  # whether the impact has another step
-    friction: ImpactFriction
 
 
 class LimitedSolution(NamedTuple):
@@ -77,34 +71,6 @@ class LimitedSolution(NamedTuple):
     spin: StopBounds
     drive: Two  # forces of imposed motions, N and N.m
     blocked: bool  # a stop holds a component against its imposed motion
-
-
-@inline_function
-def without_stops(b: Bounds) -> StopBounds:
-    """The bounds of a component that no stop holds."""
-    return StopBounds(b, 0.0, 0.0, 0.0, 0.0, False, NO_IMPACT)
-
-
-@inline_function
-def _begun_at(sp: StepWithSprings, jump: Two) -> StepWithSprings:
-    """The step begun with rates that differ by ``jump``."""
-    e1, e2 = sp.e[0] * jump[0], sp.e[1] * jump[1]
-    s11, s12, s22 = sp.s
-    return StepWithSprings(
-        (sp.push[0] - e1, sp.push[1] - e2),
-        sp.e,
-        (
-            sp.free[0] + jump[0] - 2.0 * (s11 * e1 + s12 * e2),
-            sp.free[1] + jump[1] - 2.0 * (s12 * e1 + s22 * e2),
-        ),
-        sp.s,
-    )
-
-
-@inline_function
-def _case_side(b: Bounds) -> int:
-    """The case of a component without its stops: held at a prescribed rate, or free."""
-    return -1 if b.low == b.high else 0
 
 
 @inline_function
@@ -221,7 +187,7 @@ def stop_bounds(
     rates = _rates_at(o, ends, time / h, k, -side * hit)
     i = impulses(par, r, rates, k, side, eps, other_fixed)
     eps, rebound = i.restitution, -i.restitution * hit
-    left = _leaving(par, mem, o, r, sp, h, explicit, b1, b2, i.after)
+    left = leaving(par, mem, o, r, sp, h, explicit, b1, b2, i.after)
     a2 = (-side * (left.end[0] if k == 0 else left.end[1]) - rebound) / h
     if closes(rebound, a2, eps, h):
         target = contact_rate(par, mem, k, gap, rate, h)
@@ -251,19 +217,6 @@ def _rates_at(o: RelativeState, ends: Two, share: float, k: int, hit: float) -> 
 
 
 @inline_function
-def _leaving(
-    par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
-    explicit: bool, b1: Bounds, b2: Bounds, rates: Two,
-) -> FreeAxesSolution:  # fmt: skip
-    """The step without its stops that begins with the ``rates`` after the rebound."""
-    jump = (rates[0] - o.twist.v[0], rates[1] - o.twist.w[0])
-    return solve_case(
-        par, mem, o, rates, r, _begun_at(sp, jump), h, explicit,
-        _case_side(b1), b1, _case_side(b2), b2, BY_RULE,
-    )  # fmt: skip
-
-
-@inline_function
 def with_stops(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, sp: StepWithSprings, h: float,
     explicit: bool, b1: Bounds, b2: Bounds, free: FreeAxesSolution, eps: float,
@@ -277,6 +230,18 @@ def with_stops(
         one = stop_bounds(par, mem, o, r, sp, h, explicit, 0, b1, b2, free.end, free.friction, eps)
     if has_stops(par, 1) and b2.low != b2.high:
         two = stop_bounds(par, mem, o, r, sp, h, explicit, 1, b1, b2, free.end, free.friction, eps)
+    if explicit or not (one.friction.acts or two.friction.acts):
+        return one, two
+    goes_on = (abs(mem[model.PENDING_SIDE]) == 1.0, abs(mem[model.PENDING_SIDE + 1]) == 1.0)
+    if not goes_on[0] and not goes_on[1]:
+        if one.friction.acts and two.friction.acts:
+            return begun_together(par, mem, o, r, sp, h, one, two, free, eps)
+    elif goes_on[0] != goes_on[1] and b1.low != b1.high and b2.low != b2.high:
+        k = 0 if goes_on[0] else 1
+        a, b = (one, two) if k == 0 else (two, one)
+        if a.friction.acts and not a.continues and b.bounds.rest == 0 and has_stops(par, 1 - k):
+            b = begun_after(par, mem, o, r, sp, h, k, a, b, eps)
+            return (a, b) if k == 0 else (b, a)
     return one, two
 
 
@@ -287,16 +252,20 @@ def solve_with_stops(
 ) -> tuple[FreeAxesSolution, tuple[int, int], StopBounds, StopBounds]:  # fmt: skip
     """The solution within the bounds, the side of each component, and the bounds that act.
 
-    The friction of an impact is that of its ideal motion; where that does not fit, and where both
-    components have an impact, the disc decides as in any other step.
+    The friction of an impact is that of its ideal motion; where that does not fit, the disc decides
+    as in any other step.
     """
     b1, b2 = slide.bounds, spin.bounds
+    rates = (o.twist.v[0], o.twist.w[0])
+    if slide.friction.acts and spin.friction.acts:
+        found, holds = solve_two_impacts(par, rates, sp, slide, spin)
+        if holds:
+            return found, (b1.impact, b2.impact), slide, spin
     if slide.friction.acts != spin.friction.acts:
         k = 0 if slide.friction.acts else 1
         friction = slide.friction if k == 0 else spin.friction
         other = b2 if k == 0 else b1
         if other.rest == 0 and other.impact == 0:
-            rates = (o.twist.v[0], o.twist.w[0])
             found, sides, holds = solve_impact(par, rates, sp, k, b1, b2, friction)
             if holds:
                 return found, sides, slide, spin

@@ -38,13 +38,8 @@ from cylconn_ros.methods.free_axes.complementarity import (
     reactions,
     solve_case,
 )
-from cylconn_ros.methods.free_axes.contacts import (
-    LimitedSolution,
-    StopBounds,
-    solve_with_stops,
-    with_stops,
-    without_stops,
-)
+from cylconn_ros.methods.free_axes.contacts import LimitedSolution, solve_with_stops, with_stops
+from cylconn_ros.methods.free_axes.two_impacts import StopBounds, without_stops
 
 
 class FreeAxes(NamedTuple):

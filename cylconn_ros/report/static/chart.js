@@ -1,9 +1,6 @@
 // Plots over time: curves by BokehJS; legend, readings, cursor and export around them.
 
 const LEFT = 86, RIGHT = 20, TOP = 4, BOTTOM = 20, HEIGHT = 168;
-const COARSE = matchMedia("(pointer: coarse)");
-const TOOLBAR_STYLE = ":host { --background-color: var(--panel); --icon-color: var(--soft); --color: var(--ink); --divider-color: var(--line); }"
-  + " :host(.bk-inner) { background: linear-gradient(to left, var(--panel) 190px, transparent 190px); }";
 
 function plotArea(width, height) {
   return { left: LEFT, top: TOP, width: Math.max(10, width - LEFT - RIGHT), height: Math.max(10, height - TOP - BOTTOM) };
@@ -313,20 +310,10 @@ class Chart {
       strip.glyph.fill_alpha = name === "stop" || name === "lock" ? 0.25 : 1;
     }
     for (const span of this.spans) span.line_color = palette.stop;
-    this.colours();
+    colourFigure(this.figure, palette);
     this.x.setv({ start: view[0], end: view[1] });
     if (!this.zoomed) this.y.setv({ start: this.auto[0], end: this.auto[1] });
     this.busy = false;
-  }
-
-  colours() {
-    const { palette } = this.link, { figure } = this;
-    figure.setv({ background_fill_color: palette.panel, border_fill_color: palette.panel, outline_line_color: palette.line });
-    for (const axis of [...figure.below, ...figure.left]) {
-      axis.setv({ axis_line_color: palette.line, major_tick_line_color: palette.line, minor_tick_line_color: null,
-        major_label_text_color: palette.soft });
-    }
-    for (const grid of figure.center) if (grid.properties.grid_line_color) grid.grid_line_color = palette.grid;
   }
 
   // The visible range as CSV: smallest and largest value of a bucket, one column if every sample is there.
@@ -356,12 +343,4 @@ class Chart {
   get values() {
     return this.readings.map((reading) => reading.textContent);
   }
-}
-
-function download(name, text) {
-  const link = element("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

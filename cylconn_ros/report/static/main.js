@@ -143,31 +143,14 @@ function controls({ link, all }) {
     event.preventDefault();
     action();
   });
-  const system = matchMedia("(prefers-color-scheme: dark)");
-  const theme = (dark) => {
-    document.documentElement.dataset.theme = dark ? "dark" : "light";
-    link.palette = readPalette();
-    draw();
-  };
-  document.getElementById("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme !== "dark"));
-  system.addEventListener("change", () => theme(system.matches));
-  let width = document.documentElement.clientWidth;
-  window.addEventListener("resize", () => {
-    if (width === document.documentElement.clientWidth) return;
-    width = document.documentElement.clientWidth;
-    later(draw)();
-  });
+  onWidth(later(draw));
   link.setCursor(link.run.begin + 0.35 * (link.run.end - link.run.begin));
-  theme(system.matches);
+  onTheme((palette) => {
+    link.palette = palette;
+    draw();
+  });
 }
 
-function failed(error) {
-  const place = document.getElementById("failure");
-  place.hidden = false;
-  place.textContent = `This page could not be drawn: ${error?.message ?? error}. It needs a browser of 2023 or later.`;
-}
-
-window.addEventListener("error", (event) => failed(event.error ?? event.message));
 const ready = readRun().then((run) => {
   const built = build(run);
   controls(built);
