@@ -82,7 +82,7 @@ def _show(names: Sequence[str], result: GroupRun) -> bool:
         found = summarise(result.time, {each: column(result.outs[:, c], each) for each in FIELDS})
         print(f"{name}: {result.group.connectors[c].model}")
         print("\n".join(describe(found)))
-        well &= not found.refused
+        well &= not found.refused and not found.problem
     energy = result.energy
     print(f"energy      {energy[0]:.6g} J at the start, {energy[-1]:.6g} J at the end")
     flags = result.outs[:, :, layout.FLAGS].astype(np.int64)

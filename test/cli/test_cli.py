@@ -335,3 +335,21 @@ def test_a_start_beyond_a_stop_is_said(tmp_path: Path, capsys: pytest.CaptureFix
     assert main.main(["simulate", str(scene), "--duration", "0.01"]) == 0
     out = capsys.readouterr().out
     assert "warning     slide starts at 0.2 m, beyond stops.l_max (0.08 m)" in out
+
+
+def test_a_run_that_leaves_its_joint_is_exit_code_1(capsys):
+    """A declared latency that the plant does not have: the body falls off, no sample is refused."""
+    wrong = ["--set", "latency=1", "--set", "plant.latency=3", "--duration", "0.3"]
+    assert main.main(["simulate", "demo", *wrong]) == 1
+    assert "NOT USABLE" in capsys.readouterr().out
+
+
+def test_what_changed_is_shown_for_a_scene_without_duration(tmp_path, capsys):
+    scene = tmp_path / "endless.yaml"
+    scene.write_text(
+        "/**:\n  ros__parameters:\n    period: 0.001\n"
+        "    node_a: {orientation: [0.0, 0.0, 0.0, 1.0]}\n"
+        "    body_b: {kind: free, mass: 2.0, inertia: [0.01, 0.0, 0.0, 0.02, 0.0, 0.02]}\n"
+    )
+    assert main.main(["simulate", str(scene), "--set", "plant.duration=0.05"]) == 0
+    assert "with --set" in capsys.readouterr().out
