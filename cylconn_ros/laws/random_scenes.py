@@ -23,6 +23,7 @@ from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 LONGEST_ARM = 1e4
+LEAST_CHANGING_OVERLAP = 1e-4  # m: that of a shorter one is less than the rounding of positions
 FAMILIES = ("wide", "sliding", "roots", "wide", "roots", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
@@ -94,7 +95,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         values["command"] = {name: _force(more, weight) for name in ("slide", "spin")}
     elif more.random() < (0.25 if kind == "roots" else 0.5):
         _bound(more, values, weight, reach)
-    if values["friction"].get("overlap", 0.0) > 0.0:
+    if values["friction"].get("overlap", 0.0) > LEAST_CHANGING_OVERLAP:
         values["friction"] |= _overlap(generator(seed, number, 2), values["friction"]["overlap"])
     return Scene.from_parameters(values)
 
