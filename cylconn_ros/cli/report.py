@@ -121,6 +121,8 @@ def facts(found: RunSummary, recorded: Run) -> list[Fact]:
             bad=not math.isfinite(found.worst_residual),
         ),
     ]
+    if found.problem:
+        listed.insert(0, Fact("run", "not usable", found.problem, bad=True))
     if found.flags:
         flags = ", ".join(f"{name} {count}" for name, count in found.flags.items())
         listed.append(Fact("flags", flags, "samples"))

@@ -96,7 +96,7 @@ def _show_changes(
     path: Path, options: argparse.Namespace, found: RunSummary, duration: float
 ) -> None:
     """Simulate the scene without --set for as long, too, and print what changed."""
-    unchanged = {"set": [], "steps": None, "duration": duration}
+    unchanged: dict[str, Any] = {"set": [], "steps": None, "duration": duration}
     options = argparse.Namespace(**{**vars(options), **unchanged})
     with Progress(f"simulate {path.stem} unchanged") as bar:
         bar.note("for comparison")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 REGIMES = ("frictionless", "stick", "slip")
-STATUS = ("not finite", "bad quaternion", "no period", "unknown method")
+STATUS = ("not finite or too large", "bad quaternion", "no period", "unknown method")
 """Names of the status values from 1 on; 0 is OK."""
 
 # Names of bits, lowest bit first.

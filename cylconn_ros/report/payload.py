@@ -192,7 +192,7 @@ def _bits(states: States) -> dict[str, Array]:
 
     status = field("status")
     return {
-        "regime": 1 << np.clip(field("regime"), 0, 30),
+        "regime": np.where(status > 0, 0, 1 << np.clip(field("regime"), 0, 30)),
         "stop": field("stop"),
         "lock": field("lock"),
         "status": np.where(status > 0, 1 << np.clip(status - 1, 0, 30), 0),

@@ -412,6 +412,10 @@ def test_rest_without_a_stop_time_begins_after_the_last_motion() -> None:
 def test_refused_samples_have_no_regime() -> None:
     found = summary_of([0, 0, 2, 2], status=[1, 1, 0, 0])
     assert found.regimes == {"slip": 0.5, "refused": 0.5}
+    fields = {"regime": np.array([0.0, 0.0, 2.0]), "status": np.array([1.0, 1.0, 0.0])}
+    bits = payload._bits(States(fields, 0.01))  # of the timeline
+    assert bits["regime"].tolist() == [0, 0, 4]
+    assert bits["status"].tolist() == [1, 1, 0]
 
 
 def test_a_runaway_is_marked(run: Run) -> None:
@@ -419,5 +423,5 @@ def test_a_runaway_is_marked(run: Run) -> None:
         return {fact.label for fact in facts(summary_of([2], **changed), run) if fact.bad}
 
     assert marked() == set()
-    assert marked(offset_violation=[0.5]) == {"worst offset"}
+    assert marked(offset_violation=[0.5]) == {"run", "worst offset"}  # not usable
     assert marked(angular_violation=[np.nan]) == {"worst misalignment"}
