@@ -8,6 +8,7 @@ import numpy as np
 
 from cylconn_ros.cli import changes, simulate
 from cylconn_ros.cli.progress import Progress
+from cylconn_ros.cli.replay_report import lacking
 from cylconn_ros.cli.summary import RunSummary, summarise
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.bag import Bag
@@ -45,14 +46,14 @@ def run(bag: Bag, scene: Scene, before: Scene, options: argparse.Namespace) -> i
     for name, summary in (("recorded", recorded), ("closed loop", found)):
         if summary.problem:
             print(f"NOT USABLE  {name}: {summary.problem}")
-    if bag.damage:
-        print(f"DAMAGED     {bag.damage}; the intact messages were used")
+    if text := lacking(bag):
+        print(text)
     if options.output is not None:
         simulate.keep(result, scene, options.output)
         print(f"kept        {options.output}\nnext: cylconn info {options.output}")
     else:
         print("next: keep the run with -o NAME")
-    return 0 if not found.problem and not recorded.problem and not bag.damage else 1
+    return 0 if not found.problem and not recorded.problem and not text else 1
 
 
 def _summary(time: np.ndarray, outs: np.ndarray) -> RunSummary:

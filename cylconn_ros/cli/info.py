@@ -104,7 +104,8 @@ def _next(recorded: Run, complete: bool) -> str:
     states = [t for t, kind in recorded.types.items() if kind == "cylconn_ros/msg/ConnectorState"]
     if any(recorded.counts.get(topic, 0) for topic in states):
         return f"next: cylconn report {recorded.path}"
-    return f"next: cylconn replay {recorded.path} -o RUN"
+    scene = "" if recorded.parameters else " --params SCENE.yaml"
+    return f"next: cylconn replay {recorded.path}{scene} -o RUN"
 
 
 def _topics(recorded: Run) -> list[str]:

@@ -33,7 +33,7 @@ import cylconn_ros
 from cylconn_ros.cli import closed_loop, replay_several, scenes
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.replay_report import conclude, report
+from cylconn_ros.cli.replay_report import conclude, lacking, report
 from cylconn_ros.errors import CommandError, SceneError
 from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     with Progress(f"replay {bag.path.name}") as progress:
         _process(replay, comparison, options.output, progress)
     report(replay, time.perf_counter() - start[0], time.process_time() - start[1])
-    passed = not bag.damage and not replay.problem()
+    passed = not lacking(bag) and not replay.problem()
     passed &= conclude(comparison, options.tolerance, options.output)
     return 0 if passed else 1
 

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cylconn_ros.recording.bag import Bag
+from cylconn_ros.recording.run import why_incomplete
 from cylconn_ros.replay.compare import Comparison, Topic, agree, verdict
 from cylconn_ros.replay.replay import Replay
 
 _SHOWN = 6  # fields per topic
+
+
+def lacking(bag: Bag) -> str:
+    """A line that says what a recording lacks; empty if it is complete."""
+    if bag.damage:
+        return f"DAMAGED     {bag.damage}; the intact messages were used"
+    reason = why_incomplete(bag.source)
+    return f"INCOMPLETE  {reason}" if reason else ""
 
 
 def report(replay: Replay, seconds: float, cpu: float) -> None:
@@ -28,8 +38,8 @@ def report(replay: Replay, seconds: float, cpu: float) -> None:
         print(f"irregular   {text}")
     if health.undecodable:
         print(f"            {health.undecodable_text}")
-    if replay.bag.damage:
-        print(f"DAMAGED     {replay.bag.damage}; the intact messages were used")
+    if text := lacking(replay.bag):
+        print(text)
     before = replay.bag.metadata.get("samples_before", "0")
     if before != "0":
         print(f"LATE BEGIN  the recording began {before} samples after the run: what the connector "

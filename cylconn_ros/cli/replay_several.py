@@ -7,7 +7,7 @@ import time
 
 from cylconn_ros.cli import scenes as scene_files
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.replay_report import conclude, report
+from cylconn_ros.cli.replay_report import conclude, lacking, report
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording import connector_part
 from cylconn_ros.recording.bag import Bag
@@ -44,7 +44,7 @@ def run(bag: Bag, options: argparse.Namespace) -> int:
     with Progress(f"replay {bag.path.name}") as progress:
         _process(replay, comparison, options, progress)
     elapsed = time.perf_counter() - start[0], time.process_time() - start[1]
-    passed = not bag.damage
+    passed = not lacking(bag)
     for name, member in replay.members.items():
         print(f"{name}:")
         report(member, *elapsed)

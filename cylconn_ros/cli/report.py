@@ -88,9 +88,9 @@ def _summary(found: gather.RunData) -> RunSummary:
 
 def _read(paths: list[Path], connector: str) -> Run:
     """Read a run; raises CommandError for a recording without states of a connector."""
-    named = " ".join(map(str, paths))
-    advice = f"cylconn replay {named} -o RUN computes them from recorded inputs"
     recorded = read_run(paths, connector)
+    named = " ".join(map(str, paths)) + ("" if recorded.parameters else " --params SCENE.yaml")
+    advice = f"cylconn replay {named} -o RUN computes them from recorded inputs"
     if "cylconn_ros/msg/ConnectorState" not in recorded.types.values():
         raise CommandError(f"{recorded.path}: contains no states of a connector; {advice}")
     return recorded

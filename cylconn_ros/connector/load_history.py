@@ -142,6 +142,11 @@ class LoadHistory:
         self.state[IN_FORCE : IN_FORCE + 2] = NEVER
         self.reset()
 
+    @property
+    def silent(self) -> bool:
+        """Whether no load has arrived on either body in this history."""
+        return bool((self.state[NEWEST : NEWEST + 2] == NEVER).all())
+
     def reset(self) -> None:
         """Begin a new history: stamps may have any value; the loads stay."""
         state = self.state

@@ -48,7 +48,7 @@ class Run:
         self.source, self.path = source, source.file
         self.metadata = dict(source.metadata if metadata is None else metadata)
         self._channels = source.channels if channels is None else channels
-        self.incomplete = _incomplete(source)
+        self.incomplete = why_incomplete(source)
         self.left_out = source.left_out
         self.counts = {topic: facts.extent.count for topic, facts in self._channels.items()}
         self.types = {topic: facts.type for topic, facts in self._channels.items()}
@@ -230,7 +230,7 @@ def read_run(path: Paths, connector: str = "") -> Run:
     return run.select(connector) if connector else run
 
 
-def _incomplete(source: Source) -> str | None:
+def why_incomplete(source: Source) -> str | None:
     """Return why a recording is incomplete, or None."""
     if source.incomplete:
         return source.incomplete

@@ -385,7 +385,7 @@ def test_a_recording_without_states_is_refused_with_the_remedy(
     assert main(["report", str(tmp_path / "inputs")]) == 2
     error = capsys.readouterr().err
     assert "no states of a connector" in error
-    assert f"cylconn replay {tmp_path / 'inputs'} -o RUN" in error
+    assert f"cylconn replay {tmp_path / 'inputs'} --params SCENE.yaml -o RUN" in error
 
 
 # Summary

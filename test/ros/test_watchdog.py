@@ -1,5 +1,8 @@
 """Timeout of the samples (reported once, in time, with few checks) and incomplete samples."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
 from cylconn_ros.connector.synchronizer import SampleMatcher
@@ -8,6 +11,7 @@ from cylconn_ros.ros.connector.watchdog import (
     PATIENCE,
     SOON,
     IncompleteSamples,
+    LoadWait,
     Watchdog,
     WatchdogEvent,
 )
@@ -117,3 +121,24 @@ def test_warning_names_the_reason_and_the_remedy():
     ]
     assert warnings(offset_stamps(500), period=0.01, stamp_tolerance=1e-6) == []
     assert len(warnings(offset_stamps(500), seconds=40.0, period=0.01)) == 2
+
+
+@pytest.mark.parametrize(
+    ("last", "silent", "overtaken", "expected"),
+    [
+        (None, True, False, 0.020),  # the first sample: its load may be on its way
+        (7, True, False, 0.002),  # a publisher that has sent nothing so far
+        (7, False, False, 0.020),
+        (7, False, True, 0.002),
+    ],
+)
+def test_a_sample_waits_for_its_load(last, silent, overtaken, expected):
+    pipeline: Any = SimpleNamespace(
+        scene=SimpleNamespace(period=0.002),
+        decoder=SimpleNamespace(waiting=8, is_overtaken=overtaken),
+        matcher=SimpleNamespace(last_stamp=last, loads=SimpleNamespace(silent=silent)),
+    )
+    wait = LoadWait()
+    assert not wait.is_over(pipeline, 1.0)
+    assert not wait.is_over(pipeline, 1.0 + expected - 1e-4)
+    assert wait.is_over(pipeline, 1.0 + expected + 1e-4)

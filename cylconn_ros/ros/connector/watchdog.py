@@ -105,8 +105,10 @@ class LoadWait:
         if stamp is None or stamp != self._stamp:
             self._stamp, self._since = stamp, now
             return False
-        waited, period = now - self._since, pipeline.scene.period
+        waited, period, matcher = now - self._since, pipeline.scene.period, pipeline.matcher
         enough = min(period, LOAD_WAIT) if period else LOAD_WAIT
+        if waited >= enough and matcher.last_stamp is not None and matcher.loads.silent:
+            return True  # there is a publisher that sends nothing
         return waited >= LONGEST_LOAD_WAIT or (waited >= enough and pipeline.decoder.is_overtaken)
 
 
