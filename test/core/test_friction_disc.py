@@ -27,6 +27,7 @@ def law(mu: float = 0.5, **change: float) -> Law:
         "force_slope": 0.0,
         "rates": 0,
         "forces": 0,
+        "centre": 0.0,
         "table": 0,
     }
     return Law(**{**values, **change})  # type: ignore[arg-type]
@@ -36,7 +37,7 @@ def test_a_packed_law_is_unpacked() -> None:
     """All numbers differ, so that an exchange of two is found."""
     packed = law(
         0.3, static=0.5, decay=7.0, cap=90.0, preload=-3.0, rate_slope=1.4, force_slope=0.01,
-        rates=2, forces=3, table=20,
+        rates=2, forces=3, centre=0.07, table=20,
     )  # fmt: skip
     par = np.zeros(30)
     par[4 : 4 + friction.SIZE] = friction.pack(packed)
@@ -299,3 +300,11 @@ def test_a_component_at_a_limit_does_not_hide_the_other() -> None:
     ):
         assert found.regime == SLIP
         assert found.phi == pytest.approx((-5.0, 0.0))
+
+
+def test_the_bending_moment_is_about_the_middle_of_the_contact() -> None:
+    """A force at the middle, 30 mm before node b, bends nothing there."""
+    moved = law(centre=0.03)
+    across = (2.0, -5.0, 0.03 * -5.0, -0.03 * 2.0)  # (f2, f3) and its moment about node b
+    assert friction.contact(moved, across).moment == pytest.approx(0.0, abs=1e-15)
+    assert friction.contact(law(), across).moment == pytest.approx(0.03 * math.hypot(2.0, 5.0))
