@@ -154,9 +154,9 @@ def test_services_answer_while_the_physics_is_compiled(peer, tmp_path, empty_cac
             values = listener.wait_for_status("samples", "the physics is being compiled")
         assert values["samples processed"] == "0"
         assert get_parameter(peer, "timeout").double_value == 0.1
-        assert set_parameter(peer, "timeout", 0.5).successful
+        assert set_parameter(peer, "timeout", 5.0).successful  # longer than between two reports
         assert not set_parameter(peer, "timeout", -1.0).successful
-        assert get_parameter(peer, "timeout").double_value == 0.5
+        assert get_parameter(peer, "timeout").double_value == 5.0
         state = timed_call(peer, GetState, "get_state").current_state
         assert state.label == "active"
         assert timed_call(peer, Trigger, "start_recording").success
