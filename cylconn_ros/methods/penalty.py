@@ -88,7 +88,7 @@ def _free_axis_shares(par: Array, mem: Array, k: int) -> tuple[float, float]:
 def watch_constraint(par: Array, mem: Array, o: RelativeState, least: float) -> None:
     """Lower the gains of the constraint if an oscillation of an offset or a swing grows.
 
-    ``least``: a third of the rate that it must reach, m/s and rad/s.
+    The rate must reach OUT_OF_NOISE times ``least`` (m/s, rad/s).
     """
     if adapts_gains(par):
         v, w, grows = o.twist.v, o.twist.w, False

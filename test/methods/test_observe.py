@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import merged, pair, sleeve
+from scenes import bundled, merged, pair, sleeve
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
@@ -90,3 +90,17 @@ def test_it_needs_an_inertia() -> None:
     settings = scenes()[0].parameters() | {"method": "observe", "body_b.kind": "unknown"}
     with pytest.raises(SceneError, match="method = 'observe': needs mass and inertia of a body"):
         Scene.from_parameters(settings)
+
+
+def test_a_load_that_arrives_late_is_no_reaction() -> None:
+    """It is taken up for the sample that it belongs to, before the next one is processed."""
+    scene = bundled("drawer_slide")
+    moved = simulate(scene, samples=40)
+    in_time, late = (Connector(dataclasses.replace(scene, method="observe")) for _ in range(2))
+    sample, without = np.zeros(layout.NSAMPLE), np.zeros(layout.NSAMPLE)
+    for k, state in enumerate(moved.states):
+        sample[layout.MOTION] = without[layout.MOTION] = state
+        load = np.array([10.0 + k, 2.0, 0.0, 0.0, 0.1, -1.0])
+        sample[layout.B_LOAD : layout.B_LOAD + 6] = load
+        np.testing.assert_array_equal(late.step(without), in_time.step(sample))
+        late.correct_load(1, load.tolist())
