@@ -14,20 +14,22 @@ from cylconn_ros.connector.description import describe_model
 from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import COMPILED, close_signatures
-from cylconn_ros.core.latency import PROBE, PROBED_SAMPLES
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.dispatch import STEPS
 from cylconn_ros.methods.passivity_controller import section
 from cylconn_ros.methods.traits import LIVE, TRAITS
-from cylconn_ros.scene.packing import choose_method, pack
+from cylconn_ros.scene.packing import choose_method, latency_is_measurable, pack
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
 from cylconn_ros.scene.validation import check_drive, check_within_stops
 
 Array = NDArray[np.float64]
 
-_IN_FLIGHT = (slice(model.SENT_WRENCHES, model.LEAST_BALANCE),)
+_IN_FLIGHT = (
+    slice(model.SENT_WRENCHES, model.LEAST_BALANCE),
+    slice(model.REFUTED, model.CONFIRMED + 1),
+)
 """Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
 _INPUTS = (
     ("pose_a", layout.A_POSE, 7),
@@ -63,7 +65,11 @@ class Connector:
         print(result.force_b, result["normal_force"], result.regime)
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, check_latency: bool = False) -> None:
+        """``check_latency``: whether the measured latency replaces a declared one that it refutes.
+
+        For a motion that follows from the wrenches of this connector.
+        """
         self.scene = scene
         self.method = choose_method(scene)
         self.model, self.not_modelled = describe_model(scene, self.method)
@@ -75,6 +81,8 @@ class Connector:
             )
         self._step = STEPS[self.method]
         self._par: Array = pack(scene)
+        if check_latency and scene.latency >= 0 and latency_is_measurable(scene):
+            self._par[model.LATENCY_CHECKED] = 1.0
         self._mem: Array = np.zeros(model.NMEM)
         self._period = scene.period
         self._types_known = False
@@ -176,8 +184,11 @@ class Connector:
 
     @property
     def latency(self) -> float:
-        """Samples between a sample and the action of its wrench: given, or estimated so far."""
-        if self.scene.latency >= 0:
+        """Samples between a sample and the action of its wrench: given, or estimated so far.
+
+        The estimate replaces a given latency that is checked while the motion refutes it.
+        """
+        if self.scene.latency >= 0 and not self._mem[model.REFUTED]:
             return float(self.scene.latency)
         return float(self._mem[model.MEASURED_LATENCY])
 
@@ -185,29 +196,12 @@ class Connector:
     def measured_latency(self) -> float | None:
         """Samples between a sample and the action of its wrench, as measured; None if unknown.
 
-        It is unknown until a change of the wrenches has been seen in the motion. With a declared
-        latency it is that of the last probe (:meth:`probe_latency`).
+        It is unknown until a change of the wrenches has been seen in the motion. A declared
+        latency that is not checked is not measured.
         """
         if not (self._mem[model.DELAYED] or self._mem[model.LOCK_STEP] > 0.0):
             return None
         return float(self._mem[model.MEASURED_LATENCY])
-
-    def probe_latency(self) -> None:
-        """Measure the latency beside a declared one over the next samples, if that is possible.
-
-        The measurement changes no output.
-        """
-        bodies = (self.scene.body_a.kind, self.scene.body_b.kind)
-        measurable = (
-            self.scene.latency >= 0
-            and "unknown" not in bodies
-            and self.scene.constraint == "connector"
-            and TRAITS[self.method].sends_wrench
-        )
-        if measurable and self._mem[model.LATENCY_PROBE] <= 0.0:
-            self._mem[model.DELAYED : model.LEAST_BALANCE] = 0.0
-            stored = self.scene.latency > 0  # the sent wrenches
-            self._mem[model.LATENCY_PROBE] = PROBED_SAMPLES if stored else PROBE
 
     @property
     def gain_shares(self) -> tuple[float, float]:

@@ -49,7 +49,7 @@ class Group:
         n = len(scenes)
         if n > 1:
             for connector in self.connectors:  # without delay compensation
-                connector.par[model.LATENCY] = 0.0
+                connector.par[model.LATENCY] = connector.par[model.LATENCY_CHECKED] = 0.0
                 connector.model, connector.not_modelled = describe_model(
                     connector.scene, connector.method, coupled=True
                 )

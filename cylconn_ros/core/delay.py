@@ -16,9 +16,12 @@ from cylconn_ros.core.jit import inline_function
 
 
 @inline_function
-def is_measured(par: Array) -> bool:
-    """Whether the latency is measured: ``latency: -1``, known inertia."""
-    return par[model.LATENCY] == model.MEASURED
+def is_measured(par: Array, mem: Array) -> bool:
+    """Whether the latency in use is the measured one: ``latency: -1``, or a declared one refuted.
+
+    With known inertia.
+    """
+    return par[model.LATENCY] == model.MEASURED or mem[model.REFUTED] != 0.0
 
 
 @inline_function
@@ -28,33 +31,37 @@ def adapts_gains(par: Array) -> bool:
 
 
 @inline_function
-def is_probed(mem: Array) -> bool:
-    """Whether a declared latency is being compared with the measured one."""
-    return mem[model.LATENCY_PROBE] > 0.0
+def is_checked(par: Array) -> bool:
+    """Whether the measured latency may refute the declared one."""
+    return par[model.LATENCY_CHECKED] != 0.0
 
 
 @inline_function
 def may_be_delayed(par: Array, mem: Array) -> bool:
     """Whether the sent wrenches are stored."""
-    return par[model.LATENCY] > 0.0 or is_measured(par) or is_probed(mem)
+    return par[model.LATENCY] > 0.0 or is_measured(par, mem) or is_checked(par)
 
 
 @inline_function
 def is_delayed(par: Array, mem: Array) -> bool:
     """Whether wrenches act later than their sample, as given or as measured."""
-    return par[model.LATENCY] > 0.0 or (is_measured(par) and mem[model.DELAYED] != 0.0)
+    if is_measured(par, mem):
+        return mem[model.DELAYED] != 0.0
+    return par[model.LATENCY] > 0.0
 
 
 @inline_function
 def latency_of(par: Array, mem: Array) -> float:
     """The latency in periods: as given, or as estimated so far."""
-    return max(par[model.LATENCY], 0.0) if not is_measured(par) else mem[model.MEASURED_LATENCY]
+    if is_measured(par, mem):
+        return mem[model.MEASURED_LATENCY]
+    return max(par[model.LATENCY], 0.0)
 
 
 @inline_function
 def feedback_gain(par: Array, mem: Array) -> float:
     """The gain alpha of the feedback, 0 to 1."""
-    if not is_measured(par) or mem[model.FEEDBACK_GAIN] == 0.0:
+    if not is_measured(par, mem) or mem[model.FEEDBACK_GAIN] == 0.0:
         return 1.0
     return mem[model.FEEDBACK_GAIN]
 

@@ -8,8 +8,9 @@ that time. Until then the bodies move under wrenches that have already been sent
 
 Loads are held. A body of unknown inertia, and a driven body, keeps its twist.
 
-If the latency is not given, it is measured (core/latency_estimation.py); a given one is compared
-with the measured one now and then, for PROBED_SAMPLES. For this the motion since the last sample is
+If the latency is not given, it is measured (core/latency_estimation.py). Where it is to be
+checked, a given one is compared with the measured one, and replaced by it while the motion refutes
+it; until then the measurement has no effect. For this the motion since the last sample is
 simulated again under the wrenches that acted; its difference from the measured motion gives the
 mean wrench that the interval needed. The work is that of the wrenches that acted on the measured
 motion (core/passivity.py).
@@ -18,7 +19,7 @@ motion (core/passivity.py).
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.delay import is_delayed, is_measured, is_probed, latency_of
+from cylconn_ros.core.delay import is_checked, is_delayed, is_measured, latency_of
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.latency_estimation import (
@@ -35,7 +36,7 @@ from cylconn_ros.core.latency_estimation import (
     update_gain,
 )
 from cylconn_ros.core.layout import MAX_LATENCY, SENT_PERIODS
-from cylconn_ros.core.passivity import add_work, control_gain, has_jumped
+from cylconn_ros.core.passivity import add_work, control_gain, has_jumped, reset_stick_position
 from cylconn_ros.core.plant import advance_body, motion_of
 from cylconn_ros.core.relative_state import check_twist, measure
 from cylconn_ros.core.rigid_body import Body
@@ -60,8 +61,8 @@ VARIATION_GAIN = 5.0  # times the relative error of a period: a fifth counts in 
 ANOTHER = 0.5  # periods: a change of the estimate beyond it has yet to be confirmed
 EVEN = 0.05  # variation of a period up to which a motion tells the integration of the plant
 MISFIT_KEPT = 0.9  # factor on earlier misfits
-PROBED_SAMPLES = 200  # in which a declared latency is compared with the measured one
-PROBE = PROBED_SAMPLES + SENT_PERIODS + 1  # with those before in which wrenches are stored
+REFUTED = 0.5  # periods: difference of the measured latency from a declared one that refutes it
+CONFIRMING = 50.0  # intervals in succession that confirm a refuted latency
 _KEPT = 12 * (SENT_PERIODS - 1)
 
 
@@ -142,9 +143,6 @@ def _take_up(
 ) -> None:
     """Take up the motion since the last sample: its work, jumps, and the latency."""
     mem[model.CONTRADICTED] = 0.0
-    if mem[model.LATENCY_PROBE] == PROBE and not is_delayed(par, mem):
-        mem[model.LATENCY_PROBE] -= 1.0  # the stored sample is older than the last one
-        return
     if mem[model.HAS_REFERENCE] == 0.0:
         mem[model.JUMPED], mem[model.PERIOD_VARIATION], mem[model.LAST_INTERVAL] = 0.0, 1.0, 0.0
     elif mem[model.LAST_PERIOD] > 0.0:
@@ -154,7 +152,7 @@ def _take_up(
         before = latency_of(par, mem)
         a = _replay(par, mem, current, body_a, 0, periods, dt)
         b = _replay(par, mem, current, body_b, 1, periods, dt)
-        if is_measured(par):
+        if is_measured(par, mem):
             stalled = is_stalled(mem)
             _measure_latency(par, mem, body_a, body_b, a, b, periods)
             shift = (latency_of(par, mem) - before) * h
@@ -163,8 +161,12 @@ def _take_up(
                 mem[model.LAST_PERIOD] = max(mem[model.LAST_PERIOD] + shift, 0.01 * h)
                 a = _replay(par, mem, current, body_a, 0, periods, dt)
                 b = _replay(par, mem, current, body_b, 1, periods, dt)
-        elif is_probed(mem):
-            _probe(par, mem, body_a, body_b, a, b, periods)
+        elif is_checked(par):
+            held = mem[model.STICK_SAMPLES]
+            _measure_latency(par, mem, body_a, body_b, a, b, periods)
+            mem[model.STICK_SAMPLES] = held
+        if is_checked(par):
+            _check_declared(par, mem)
         if is_delayed(par, mem):
             add_work(mem, a.work)
             add_work(mem, b.work)
@@ -174,7 +176,7 @@ def _take_up(
                 mem[at] = MISFIT_KEPT * mem[at] + a.apart_halfway + b.apart_halfway
                 mem[at + 1] = MISFIT_KEPT * mem[at + 1] + a.apart_late + b.apart_late
             # the springs of an elastic constraint store energy, too: its balance tells nothing
-            if is_measured(par) and par[model.PENALTY] == 0.0:
+            if is_measured(par, mem) and par[model.PENALTY] == 0.0:
                 balance = mem[model.WORK] - mem[model.ACTUATION_WORK] + mem[model.SPRING_ENERGY]
                 control_gain(mem, balance, abs(a.work) + abs(b.work))
 
@@ -236,18 +238,19 @@ def _measure_latency(
 
 
 @inline_function
-def _probe(
-    par: Array, mem: Array, body_a: Body, body_b: Body, a: Interval, b: Interval, periods: int
-) -> None:
-    """Measure the latency beside a declared one, on which it has no effect.
-
-    The first samples of a probe store the wrenches that are sent.
-    """
-    mem[model.LATENCY_PROBE] -= 1.0
-    if mem[model.LATENCY_PROBE] < PROBED_SAMPLES:
-        held = mem[model.STICK_SAMPLES]
-        _measure_latency(par, mem, body_a, body_b, a, b, periods)
-        mem[model.STICK_SAMPLES] = held
+def _check_declared(par: Array, mem: Array) -> None:
+    """Take the measured latency while it refutes the declared one, which may be confirmed later."""
+    if mem[model.LAST_INTERVAL] == 0.0 or (mem[model.DELAYED] == 0.0 and not is_lock_step(mem)):
+        return
+    if abs(mem[model.MEASURED_LATENCY] - par[model.LATENCY]) > REFUTED:
+        if mem[model.REFUTED] == 0.0:
+            reset_stick_position(mem)
+        mem[model.REFUTED], mem[model.CONFIRMED] = 1.0, 0.0
+    elif mem[model.REFUTED] != 0.0:
+        mem[model.CONFIRMED] += 1.0
+        if mem[model.CONFIRMED] >= CONFIRMING:
+            mem[model.REFUTED] = 0.0
+            reset_stick_position(mem)
 
 
 @inline_function

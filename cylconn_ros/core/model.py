@@ -41,8 +41,9 @@ MEASURED: Final = -1.0
 ADAPTED: Final = -2.0
 REST_RATE: Final = LATENCY + 1  # method observe: slip rate below which a motion is stick, m/s
 TOLERANCE: Final = REST_RATE + 1  # of the steps of method minimal; 0: its default
+LATENCY_CHECKED: Final = TOLERANCE + 1  # whether the measured latency may refute a declared one
 CONSTRAINT: Final = (
-    TOLERANCE + 1
+    LATENCY_CHECKED + 1
 )  # 0: the connector keeps it; the simulator does: 1 with a declared
 #                                    latency, 2 without (core/free_gain.py)
 DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (infinite: no limit),
@@ -121,8 +122,7 @@ CONTRADICTED: Final = (
 CONTRADICTION: Final = CONTRADICTED + 1  # 2 x 3: of each body, the squares of its motions by poses
 #                             and by twists when these last differed, and their product, m^2
 FREE_GAIN: Final = CONTRADICTION + 6  # 24: gain of slide and spin (core/free_gain.py)
-LATENCY_PROBE: Final = FREE_GAIN + 24  # samples for which a declared latency is still checked
-STAMP_PERIOD: Final = LATENCY_PROBE + 1  # s, the interval of CONTRADICTION
+STAMP_PERIOD: Final = FREE_GAIN + 24  # s, the interval of CONTRADICTION
 ENERGY_RISE: Final = STAMP_PERIOD + 1  # J, put in since the least energy (methods/never_gains.py)
 ACCELERATIONS: Final = ENERGY_RISE + 1  # 2 x 6: linear and angular, of the last interval, of driven
 #                             bodies A and B; then the ones in use, 2 x 6
@@ -141,7 +141,9 @@ AGREED: Final = STALLED_WRENCH + 12  # intervals that confirmed the latency
 UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent wrenches
 USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last intervals
 LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
-PASSIVITY_CONTROLLER: Final = LATENCIES + 1  # 8 x 20: of offsets, swings, slide, spin;
+REFUTED: Final = LATENCIES + 1  # whether the measured latency replaces the declared one
+CONFIRMED: Final = REFUTED + 1  # intervals in succession that confirm a refuted latency
+PASSIVITY_CONTROLLER: Final = CONFIRMED + 1  # 8 x 20: of offsets, swings, slide, spin;
 #                             oscillations of both offsets, swings (methods/passivity_controller.py)
 NMEM: Final = PASSIVITY_CONTROLLER + 160
 

@@ -95,14 +95,15 @@ class MessagePipeline:
     """
 
     def __init__(
-        self, scene: Scene, previous: MessagePipeline | None = None, load: bool = True
-    ) -> None:
+        self, scene: Scene, previous: MessagePipeline | None = None, load: bool = True,
+        check_latency: bool = True,
+    ) -> None:  # fmt: skip
         """Make the pipeline of a scene; with ``previous``, see :meth:`restore_from`.
 
-        ``load``: load or compile the kernels now (:meth:`load_kernels`).
+        ``load``: load the kernels now. ``check_latency``: see Connector.
         """
         self.scene = scene
-        self.connector = Connector(scene)
+        self.connector = Connector(scene, check_latency)
         self.imposed = joint_command.in_scene(scene.command)
         self.loads = LoadMessages()
         self._responses: collections.deque[Response] = collections.deque()  # for :meth:`next`

@@ -16,7 +16,7 @@ import numpy as np
 from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
 from cylconn_ros.connector.usable import MotionCheck
-from cylconn_ros.errors import RecordingError
+from cylconn_ros.errors import RecordingError, SceneError
 from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
@@ -24,6 +24,7 @@ from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.replay.batches import Batch, Batches
+from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
 from cylconn_ros.scene.scene import Scene
 
@@ -54,6 +55,15 @@ class Counts:
     by_topic: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
+def _recorded_with(bag: Bag, scene: Scene) -> bool:
+    """Whether a recording was made with the parameters of ``scene``."""
+    try:
+        stored = Scene.from_parameters(parameter_file.parameters_of(bag.metadata["parameters"]))
+    except (KeyError, SceneError):
+        return False
+    return parameter_file.dump(stored) == parameter_file.dump(scene)
+
+
 class Replay:
     """Process a recording's inputs with the pipeline of a connector.
 
@@ -74,7 +84,8 @@ class Replay:
     def __init__(self, bag: Bag, scene: Scene, renamed: Mapping[str, str] | None = None) -> None:
         """``renamed``: the recorded topic of an input, e.g. ``{"body_b/odom": "/robot/odom"}``."""
         self.bag, self.scene = bag, scene
-        self.pipeline = MessagePipeline(scene)
+        # Of other parameters the motion tells nothing about the time at which wrenches act.
+        self.pipeline = MessagePipeline(scene, check_latency=_recorded_with(bag, scene))
         self.node = bag.metadata.get("node", NODE)
         self.inputs = _inputs(bag, self.pipeline, self.node, dict(renamed or {}))
         self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}

@@ -126,6 +126,15 @@ def _body(body: Body, plant: bool) -> list[float]:
     return [1.0, body.mass, 1.0 / body.mass, *body.com, *body.inertia, *map(float, inverse)]
 
 
+def latency_is_measurable(scene: Scene) -> bool:
+    """Whether the motion can tell when wrenches act: known inertia, and wrenches that are sent."""
+    return (
+        "unknown" not in (scene.body_a.kind, scene.body_b.kind)
+        and scene.constraint == "connector"
+        and TRAITS[choose_method(scene)].sends_wrench
+    )
+
+
 def _latency(scene: Scene) -> float:
     """The latency, MEASURED, or ADAPTED if it cannot be measured; 0 if no wrench is sent."""
     if scene.latency >= 0:

@@ -269,12 +269,16 @@ def test_the_measured_latency_is_reported_with_the_remedy(latency, spread, befor
         assert found[0].text.startswith(f"wrenches act {expected[1]}")
 
 
+USED = "after their sample; the measured latency is used"
+
+
 @pytest.mark.parametrize(
     ("declared", "latency", "before", "remedy"),
     [
-        (1, 0.0, 0.0, "act 0.0 samples (0.0 ms) after their sample: set latency: 0"),
-        (1, 2.5, 2.5, "act 2.5 samples (5.0 ms) after their sample: set latency: -1, which"),
-        (0, 3.0, 3.0, "act 3.0 samples (6.0 ms) after their sample: set latency: 3"),
+        (1, 0.0, 0.0, f"act 0.0 samples (0.0 ms) {USED}: set latency: 0"),
+        (1, 2.5, 2.5, f"act 2.5 samples (5.0 ms) {USED}: set latency: -1, which"),
+        (0, 3.0, 3.0, f"act 3.0 samples (6.0 ms) {USED}: set latency: 3"),
+        (1, 1.3, 1.3, "act 1.3 samples (2.6 ms) after their sample: set latency: -1, which"),
         (1, 1.05, 1.0, None),
         (1, 2.5, None, None),
         (1, None, None, None),

@@ -180,7 +180,6 @@ class Monitor:
             *solution_problems(connector, health, self._is_new, uneven),
             *latency_problem(connector, latency_before),
         ]
-        connector.probe_latency()
         return self._encode("solution", problems, fine, values)
 
     def _topics(self, pipeline: MessagePipeline | None, status: ConnectionStatus) -> EncodedStatus:

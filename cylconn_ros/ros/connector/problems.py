@@ -17,6 +17,7 @@ from cylconn_ros.connector.description import unknown_frame_text
 from cylconn_ros.connector.start import starts_beyond_stops
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.joint_limits import is_motion_imposed
+from cylconn_ros.core.latency import REFUTED
 from cylconn_ros.core.relative_state import MAX_INPUT
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.pipeline import MessagePipeline
@@ -313,6 +314,8 @@ def latency_problem(connector: Connector, before: float | None) -> Iterator[Prob
     if declared >= 0:
         text = f"latency: {declared} is declared, but {text}"
         remedy = f"set latency: {whole}" if steady else "set latency: -1, which measures it"
+        if abs(latency - declared) > REFUTED:
+            text += "; the measured latency is used"
         yield Problem(WARN, f"declared latency {declared}", f"{text}: {remedy}")
     elif whole and steady:
         yield Problem(WARN, f"latency {whole}", f"{text}: set latency: {whole}")
