@@ -26,6 +26,7 @@ from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.replay.batches import Batch, Batches
 from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.inputs import BODIES, INPUTS, LOAD, WRENCH
+from cylconn_ros.scene.packing import latency_is_measurable
 from cylconn_ros.scene.scene import Scene
 
 NODE = "/connector"
@@ -85,7 +86,10 @@ class Replay:
         """``renamed``: the recorded topic of an input, e.g. ``{"body_b/odom": "/robot/odom"}``."""
         self.bag, self.scene = bag, scene
         # Of other parameters the motion tells nothing about the time at which wrenches act.
-        self.pipeline = MessagePipeline(scene, check_latency=_recorded_with(bag, scene))
+        follows = _recorded_with(bag, scene)
+        if not follows and scene.latency < 0 and latency_is_measurable(scene):
+            scene = dataclasses.replace(scene, latency=0)
+        self.pipeline = MessagePipeline(scene, check_latency=follows)
         self.node = bag.metadata.get("node", NODE)
         self.inputs = _inputs(bag, self.pipeline, self.node, dict(renamed or {}))
         self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}

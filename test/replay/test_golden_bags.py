@@ -120,3 +120,17 @@ def test_the_node_publishes_the_same_outputs_for_played_inputs(name: str, tmp_pa
     topics = comparison.result()
     assert all(topic.well for topic in topics), text_of(topics)
     assert replay.names[STATE_TOPIC] in comparison.topics
+
+
+def test_other_parameters_tell_no_latency() -> None:
+    """The recorded motion does not follow from their wrenches, which act with their samples."""
+    wrenches = []
+    for latency in (0, -1):
+        bag = Bag(BAGS / "slide_and_spin")
+        changes = {"latency": latency, "friction.coefficient": 0.4}
+        replay = Replay(bag, recorded_scene(bag).replace(changes))
+        state = replay.names["~/state"]
+        items = [item for item in replay.messages() if item.replayed]
+        wrenches.append([item.data for item in items if item.topic != state])
+    assert wrenches[0]
+    assert wrenches[0] == wrenches[1]
