@@ -9,12 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from cylconn_ros.process.child import private_environment
 
 # Tests that start processes must not meet other ROS programs, nor leave shared memory behind.
 os.environ.update(private_environment())
 
+
+# How long an example takes depends on the machine and on what else runs on it.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 # Started with nohup or in the background of a shell, this process ignores these signals. Programs
 # inherit that, but not a handler: they begin with the default action.

@@ -4,7 +4,7 @@ import itertools
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cylconn_ros.connector.load_history import (
@@ -109,7 +109,6 @@ def test_a_load_of_the_next_sample_may_come_at_any_place(order):
     assert s.matcher.counts.late_loads == lost
 
 
-@settings(deadline=None)
 @given(st.integers(1, 30), st.randoms(use_true_random=False))
 def test_interleaved_messages_give_the_answers_of_the_sorted_ones(count, rng):
     """A load arrives before the sample after the next is complete, in the order of the loads."""

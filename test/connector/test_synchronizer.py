@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cylconn_ros.connector.frames import into_world
@@ -287,7 +287,6 @@ def test_a_quaternion_without_direction_gives_nan(q):
     assert all(math.isnan(number) for number in into_world((*POSE[:3], *q), TWIST))
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).filter(lambda q: math.hypot(*q) > 0.1),
     st.lists(st.floats(-9.0, 9.0), min_size=6, max_size=6),

@@ -13,7 +13,7 @@ from cylconn_ros.scene.documentation import example
 FILES = sorted(CONFIG.glob("*.yaml"))
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_decoded_or_raise_cdr_error(data):
     check_decoders(data)
@@ -24,7 +24,7 @@ def pipeline():
     return PipelineUnderTest()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(data=st.binary(max_size=400))
 def test_no_message_makes_the_pipeline_fail_and_every_wrench_is_finite(pipeline, data):
     pipeline.process(data)
@@ -35,7 +35,7 @@ _VALUES = """.nan .inf -.inf 1e308 -1 0 [] {} ~ true null 'x' [1,2] {a:1} &a *a 
 VALUES = st.sampled_from(_VALUES.split())
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_a_damaged_parameter_file_is_read_or_raises_scene_error(tmp_path_factory, data):
     lines = data.draw(st.sampled_from(FILES)).read_text().splitlines()
@@ -56,7 +56,7 @@ def test_a_damaged_parameter_file_is_read_or_raises_scene_error(tmp_path_factory
     check_parameter_file("\n".join(lines), tmp_path_factory.mktemp("files"))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(text=st.text(max_size=200))
 def test_any_text_is_read_or_raises_scene_error(tmp_path_factory, text):
     check_parameter_file(text, tmp_path_factory.mktemp("files"))

@@ -34,7 +34,7 @@ def wrenches(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # --- laws of a step ---
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.floats(-6.0, 6.0),
     st.one_of(st.just(0.0), st.floats(1e-6, 3.0)),

@@ -266,7 +266,7 @@ def stream(scene: Scene, events: list[tuple[int, str, int]]) -> list[tuple[str, 
 
 
 @pytest.mark.parametrize("name", SCENES)
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(
     events=st.lists(
         st.tuples(st.integers(0, STEPS - 1), st.sampled_from(EVENTS), st.integers(0, 60)),
@@ -311,7 +311,6 @@ def test_failed_attempts_at_a_batch_become_rarer(monkeypatch: pytest.MonkeyPatch
     assert 2 <= len(calls) <= 10
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([3, 5, 5, 5, 99]), st.integers(0, 60)), max_size=90),
        st.integers(-9, 40))  # fmt: skip
 def test_compiled_and_interpreted_index_of_a_chunk_agree(
