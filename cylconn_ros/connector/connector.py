@@ -13,6 +13,7 @@ from cylconn_ros.connector import batch
 from cylconn_ros.connector.description import describe_model
 from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.friction import SIZE
 from cylconn_ros.core.jit import COMPILED, close_signatures
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods import passivity_controller
@@ -31,6 +32,10 @@ _IN_FLIGHT = (
     slice(model.REFUTED, model.CONFIRMED + 1),
 )
 """Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
+_OF_PRELOAD = (
+    slice(model.FRICTION, model.FRICTION + SIZE), slice(model.PENALTY, model.PENALTY + 6),
+)  # fmt: skip
+"""Packed parameters that depend on the preload."""
 _INPUTS = (
     ("pose_a", layout.A_POSE, 7),
     ("twist_a", layout.A_TWIST, 6),
@@ -66,9 +71,9 @@ class Connector:
     """
 
     def __init__(self, scene: Scene, check_latency: bool = False) -> None:
-        """``check_latency``: whether the measured latency replaces a declared one that it refutes.
+        """``check_latency``: whether the latency is measured beside a declared one.
 
-        For a motion that follows from the wrenches of this connector.
+        It replaces one of 1 or more that it refutes; for a motion that follows from the wrenches.
         """
         self.scene = scene
         self.method = choose_method(scene)
@@ -120,6 +125,23 @@ class Connector:
         given = (self.scene.command.slide, self.scene.command.spin)[k].max_force
         self._par[model.DRIVE + 2 * k] = given if math.isnan(max_force) else max_force
         self._mem[model.IMPOSED_POSITION + k] = math.nan
+
+    def set_preload(self, preload: float) -> None:
+        """Set the preload FCint (N) from the next sample on, in place of the parameter's.
+
+        Raises ValueError for a number that is not finite, and for a connector without friction.
+        """
+        if not math.isfinite(preload):
+            raise ValueError(f"preload = {preload}: must be finite")
+        friction = self.scene.friction
+        if not friction.on:
+            raise ValueError(
+                f"preload = {preload:g}: the scene has no friction on which it acts; give "
+                "friction.coefficient"
+            )
+        par = pack(self.scene.replace({"friction.preload": preload}))
+        for part in _OF_PRELOAD:
+            self._par[part] = par[part]
 
     def check_imposed(
         self, component: str, position: float, velocity: float, force: float, max_force: float

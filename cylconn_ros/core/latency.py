@@ -9,8 +9,9 @@ that time. Until then the bodies move under wrenches that have already been sent
 Loads are held. A body of unknown inertia, and a driven body, keeps its twist.
 
 If the latency is not given, it is measured (core/latency_estimation.py). Where it is to be
-checked, a given one is compared with the measured one, and replaced by it while the motion refutes
-it; until then the measurement has no effect. For this the motion since the last sample is
+checked, a given one is compared with the measured one; one of 1 or more is replaced by it while the
+motion refutes it, and until then the measurement has no effect. One of 0 is kept: wrenches for the
+samples as they are, whatever moves the bodies. For this the motion since the last sample is
 simulated again under the wrenches that acted; its difference from the measured motion gives the
 mean wrench that the interval needed. The work is that of the wrenches that acted on the measured
 motion (core/passivity.py).
@@ -240,6 +241,8 @@ def _measure_latency(
 @inline_function
 def _check_declared(par: Array, mem: Array) -> None:
     """Take the measured latency while it refutes the declared one, which may be confirmed later."""
+    if par[model.LATENCY] == 0.0:
+        return
     if mem[model.LAST_INTERVAL] == 0.0 or (mem[model.DELAYED] == 0.0 and not is_lock_step(mem)):
         return
     if abs(mem[model.MEASURED_LATENCY] - par[model.LATENCY]) > REFUTED:

@@ -126,16 +126,29 @@ def read_joint_state(data: bytes) -> JointState:
     return JointState(stamp, frame, tuple(names), *arrays)
 
 
+def read_float64(data: bytes) -> float:
+    """Decode a std_msgs/Float64; raises :class:`CdrError`."""
+    order = _byte_order(data)
+    _check_room(data, _HEADER + 8)
+    _check_end(data, _HEADER + 8)
+    return float(struct.unpack_from(f"{order}d", data, _HEADER)[0])
+
+
 def read_stamp(data: bytes) -> int:
     """Decode the stamp in ns of a message that begins with a header; raises :class:`CdrError`."""
     return _read_header(data)[1]
 
 
-def _read_header(data: bytes) -> tuple[str, int, str, int]:
-    """Byte order, stamp in ns, frame, and the offset of the byte after the frame."""
+def _byte_order(data: bytes) -> str:
     order = _ORDERS.get(bytes(data[:2]))
     if order is None:
         raise CdrError(f"encapsulation {bytes(data[:2]).hex() or 'missing'} is not plain CDR")
+    return order
+
+
+def _read_header(data: bytes) -> tuple[str, int, str, int]:
+    """Byte order, stamp in ns, frame, and the offset of the byte after the frame."""
+    order = _byte_order(data)
     _check_room(data, _HEADER + 12)
     seconds, nanoseconds, _ = _STAMP[order].unpack_from(data, _HEADER)
     if nanoseconds >= 1_000_000_000:

@@ -140,9 +140,3 @@ def read(
     except SceneError as error:
         raise JointCommandError(str(error)) from error
     return impositions
-
-
-def check_access(frozen: bool) -> None:
-    """Raise JointCommandError if parameter ``access.frozen`` is set."""
-    if frozen:
-        raise JointCommandError("access.frozen = true: commands are not followed")

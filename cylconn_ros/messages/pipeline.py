@@ -18,19 +18,17 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.synchronized_sample import SynchronizedSample
 from cylconn_ros.connector.synchronizer import SampleMatcher
 from cylconn_ros.core import layout
-from cylconn_ros.messages import cdr_decoder, joint_command, output_messages, statistics
+from cylconn_ros.messages import cdr_decoder, output_messages, statistics
+from cylconn_ros.messages.commands import COMMAND, JOINT_STATE, PRELOAD, Commands
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.load_messages import LoadMessages
 from cylconn_ros.messages.output_messages import VALID_SAMPLE, OutputMessages, PipelineParts
 from cylconn_ros.messages.prefix_decoder import PrefixDecoder
 from cylconn_ros.scene.inputs import BODIES, STREAM_NUMBER, STREAMS, WRENCH, InputType, selected
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.scene.schema import show
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
 STATE = "cylconn_ros/msg/ConnectorState"
 
-COMMAND = "~/command"
 STATE_TOPIC, JOINTS_TOPIC = "~/state", "~/joint_state"
 
 OUTPUTS = (
@@ -64,7 +62,8 @@ class Input(NamedTuple):
 
 def input_names(scene: Scene) -> list[str]:
     """Relative names of the input topics of a scene: motion and load of moving bodies, commands."""
-    return [*(f"{BODIES[body]}/{kind.topic}" for body, kind in _body_inputs(scene)), COMMAND]
+    of_bodies = (f"{BODIES[body]}/{kind.topic}" for body, kind in _body_inputs(scene))
+    return [*of_bodies, COMMAND, PRELOAD]
 
 
 def _body_inputs(scene: Scene) -> list[tuple[int, InputType]]:
@@ -77,8 +76,8 @@ class MessagePipeline:
 
     Attributes
     ----------
-    imposed
-        Motion or force imposed on slide and spin, by the scene or by the last command.
+    commands
+        What topics command: motion or force of slide and spin, the preload.
     loads, output
         The messages of loads; the output messages.
     wanted
@@ -104,7 +103,6 @@ class MessagePipeline:
         """
         self.scene = scene
         self.connector = Connector(scene, check_latency)
-        self.imposed = joint_command.in_scene(scene.command)
         self.loads = LoadMessages()
         self._responses: collections.deque[Response] = collections.deque()  # for :meth:`next`
         self.matcher = SampleMatcher(scene)
@@ -113,6 +111,7 @@ class MessagePipeline:
         self.decoder = PrefixDecoder(scene, self.matcher)
         self._pending_before: tuple[tuple[int, bytes], ...] = ()  # at the last flush()
         self.health = Health()
+        self.commands = Commands(scene, self.connector, self.health)
         self.inputs = self._make_inputs()
         self._out = np.zeros(layout.NOUT)
         self.output = OutputMessages(scene, self.connector.method)
@@ -140,10 +139,11 @@ class MessagePipeline:
         """Adopt counts, loads and commands of ``previous``, which must not be used afterwards.
 
         The history continues if the change of the scene allows it (:attr:`continues`). A command
-        stays in force for a component whose parameters in ``command`` have not changed.
+        stays in force where the parameters that it replaces have not changed.
         """
         self.continues = self.scene.keeps_history(previous.scene)
-        self.health, self.wanted = previous.health, previous.wanted
+        self.health = self.commands.health = previous.health
+        self.wanted = previous.wanted
         self.loads.restore_from(previous.loads, self.inputs)
         self._responses = previous._responses
         previous._replay_pending()
@@ -152,19 +152,9 @@ class MessagePipeline:
             self.connector.memory = previous.connector.memory
             self._out[:], self._last_stamp = previous._out, previous._last_stamp
         memory = self.connector.memory
-        kept = self.keep_imposed(previous)
+        kept = self.commands.keep(previous.commands)
         self.connector.memory = memory  # imposed motion continues from its present position
-        self._impose({name: new for name, new in self.imposed.items() if name not in kept})
-
-    def keep_imposed(self, previous: MessagePipeline) -> dict[str, joint_command.Imposition]:
-        """Impose what commands impose on ``previous``; raises ValueError if the method cannot."""
-        kept = {
-            name: imposed
-            for name, imposed in previous.imposed.items()
-            if _same(previous.scene, self.scene, f"command.{name}.")
-        }
-        self._impose(kept)
-        return kept
+        self.commands.impose_scene(kept)
 
     def reset(self) -> None:
         """Forget the reference configuration and the history; loads and commands stay."""
@@ -202,15 +192,6 @@ class MessagePipeline:
         if stamp is not None:
             self.matcher.loads.give_up(stamp)
         return self.next()
-
-    def release(self) -> None:
-        """End all commands: impose only what the scene's parameters state."""
-        self._impose(joint_command.in_scene(self.scene.command))
-
-    @property
-    def scene_in_force(self) -> Scene:
-        """The scene, with the commands in force in place of its parameters ``command``."""
-        return joint_command.as_parameters(self.imposed, self.scene)
 
     @property
     def parts(self) -> PipelineParts:
@@ -256,9 +237,8 @@ class MessagePipeline:
             else:
                 receive = functools.partial(self._process_load, name, body, kind)
             inputs[name] = Input(kind.type, receive)
-        inputs[COMMAND] = Input(
-            JOINT_STATE, functools.partial(self._process, COMMAND, self._command)
-        )
+        for name, (type_name, handle) in self.commands.inputs.items():
+            inputs[name] = Input(type_name, functools.partial(self._process, name, handle))
         return inputs
 
     def _process_motion(self, stream: int, data: bytes) -> Response | None:
@@ -322,21 +302,6 @@ class MessagePipeline:
             self.connector.correct_load(body, self.matcher.late_load)
         return sample
 
-    def _command(self, data: bytes) -> None:
-        try:
-            joint_command.check_access(self.scene.access.frozen)
-            check = self.connector.check_imposed
-            self._impose(joint_command.read_message(data, self.scene, check))
-            self.health.commands += 1
-        except joint_command.JointCommandError as error:
-            self.health.refused += 1
-            self.health.refusal = str(error)
-
-    def _impose(self, imposed: dict[str, joint_command.Imposition]) -> None:
-        for name, imposition in imposed.items():
-            self.connector.impose(name, *imposition)
-            self.imposed[name] = imposition
-
     def _process(
         self, name: str, handle: Callable[[bytes], SynchronizedSample | None], data: bytes
     ) -> Response | None:
@@ -392,9 +357,3 @@ class MessagePipeline:
 
     def _zero_wrenches(self, stamp: int) -> Response:
         return Response(stamp, *self.output.zero(stamp), None, None)
-
-
-def _same(before: Scene, after: Scene, beginning: str) -> bool:
-    """Whether the parameters whose names begin with ``beginning`` have not changed."""
-    old, new = before.parameters(), after.parameters()
-    return all(show(old[name]) == show(new[name]) for name in old if name.startswith(beginning))

@@ -20,6 +20,7 @@ from cylconn_ros.errors import RecordingError
 from cylconn_ros.messages import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
+from cylconn_ros.recording.unstamped import preloads
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation import run as simulated
 from cylconn_ros.simulation.closed_loop import run_loop, times
@@ -27,7 +28,9 @@ from cylconn_ros.simulation.plant import Plant
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-Commands = list[tuple[int, dict[str, joint_command.Imposition]]]
+Command = dict[str, joint_command.Imposition] | float
+"""Motion or force by component; or the preload, N."""
+Commands = list[tuple[int, Command]]
 
 _BLOCK = 2048  # samples per call at most
 _COMMAND = "~/command"
@@ -101,8 +104,7 @@ def simulate_from(scene: Scene, motion: Motion, progress: Progress | None = None
     sent, acting = np.zeros((int(delay) + 1, 12)), np.zeros(12)
     for begin, end in itertools.pairwise(edges):
         while commands and commands[0][0] <= begin:
-            for name, imposition in commands.pop(0)[1].items():
-                connector.impose(name, *imposition)
+            _follow(connector, commands.pop(0)[1])
         handle, par, mem, period = connector.kernel_arguments()
         plant.loads[:] = loads[begin]
         run_loop(
@@ -116,8 +118,25 @@ def simulate_from(scene: Scene, motion: Motion, progress: Progress | None = None
     return simulated.Run(scene, time, rows[:, layout.MOTION], outs, energy, connector, plant)
 
 
+def _follow(connector: Connector, command: Command) -> None:
+    if isinstance(command, float):
+        if connector.scene.friction.on:
+            connector.set_preload(command)
+        return
+    for name, imposition in command.items():
+        connector.impose(name, *imposition)
+
+
 def _commands(run: Run, scene: Scene) -> Commands:
     """Read the commands with the time of each since the first sample, ns."""
+    found = _joint_commands(run, scene)
+    if pressed := preloads(run):
+        first = _first_log_time(run)
+        found += [(int(at) - first, float(value)) for at, value in zip(*pressed, strict=True)]
+    return sorted(found, key=lambda command: command[0])
+
+
+def _joint_commands(run: Run, scene: Scene) -> Commands:
     names = {run.names.get(_COMMAND), f"{run.metadata.get('node', '/connector')}/command"}
     topic = next((t for t in run.types if t in names and run.counts[t]), None)
     if topic is None:

@@ -18,7 +18,8 @@ from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
 from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.errors import RecordingError, SceneError
 from cylconn_ros.messages import cdr_decoder
-from cylconn_ros.messages.pipeline import COMMAND, OUTPUTS, STATE_TOPIC, MessagePipeline, Response
+from cylconn_ros.messages.commands import COMMAND, PRELOAD
+from cylconn_ros.messages.pipeline import OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.files.storage import Topics
 from cylconn_ros.recording.mcap.message_block import MessageBlock
@@ -333,7 +334,7 @@ def _inputs(
                     f"{bag.path}: {topic} has type {bag.types[topic]}, {name} must be {wanted.type}"
                 )
             found[name] = topic
-        elif name in renamed or not (name == COMMAND or name.endswith(_OPTIONAL)):
+        elif name in renamed or not (name in (COMMAND, PRELOAD) or name.endswith(_OPTIONAL)):
             missing.append(f"{name} ({wanted.type}; searched for {topic})")
     if missing:
         has = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.types.items()))

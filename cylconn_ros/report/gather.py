@@ -13,6 +13,7 @@ import numpy.typing as npt
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.table import STAMP
+from cylconn_ros.recording.unstamped import preload_topic
 from cylconn_ros.report.panels import States
 from cylconn_ros.scene.inputs import INPUTS
 
@@ -97,7 +98,8 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> RunData
             "curves are interrupted there."
         )
     stamp = stamp[rows]
-    radius, preload = _number(run, "friction.radius"), _number(run, "friction.preload")
+    radius = _number(run, "friction.radius")
+    preload = math.nan if preload_topic(run) else _number(run, "friction.preload")
 
     def read_states(fields: Collection[str] | None = None) -> Iterator[States]:
         at = 0

@@ -17,7 +17,7 @@ import rclpy
 from rclpy.node import Node
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages.pipeline import JOINT_STATE
+from cylconn_ros.messages.commands import FLOAT64, JOINT_STATE
 from cylconn_ros.process.interrupt import INTERRUPTED
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.ros import qos
@@ -28,6 +28,7 @@ from cylconn_ros.scene.inputs import INPUTS
 PLAYED = {
     **{kind.type: () if kind.carries_whole_motion else (f"/{kind.topic}",) for kind in INPUTS},
     JOINT_STATE: ("/command",),
+    FLOAT64: ("/preload",),
 }
 """Message types that a connector subscribes to, and the endings of their topics."""
 
@@ -65,7 +66,7 @@ class Player:
         wanted = [
             publisher
             for topic, publisher in self._publishers.items()
-            if not topic.endswith(("/load", "/command"))
+            if not topic.endswith(("/load", "/command", "/preload"))
         ]
         end = time.monotonic() + patience
         counts, since = [0], 0.0

@@ -277,7 +277,7 @@ USED = "after their sample; the measured latency is used"
     [
         (1, 0.0, 0.0, f"act 0.0 samples (0.0 ms) {USED}: set latency: 0"),
         (1, 2.5, 2.5, f"act 2.5 samples (5.0 ms) {USED}: set latency: -1, which"),
-        (0, 3.0, 3.0, f"act 3.0 samples (6.0 ms) {USED}: set latency: 3"),
+        (0, 3.0, 3.0, "act 3.0 samples (6.0 ms) after their sample: set latency: 3"),
         (1, 1.3, 1.3, "act 1.3 samples (2.6 ms) after their sample: set latency: -1, which"),
         (1, 1.05, 1.0, None),
         (1, 2.5, None, None),

@@ -163,7 +163,7 @@ def test_command_holds_after_parameter_change_reset_and_restart():
     loop.pipeline.reset()
     loop.step()
     assert loop.pipeline.out[layout.MOMENT_ACTUATION] == 3.0
-    loop.pipeline.release()
+    loop.pipeline.commands.release()
     loop.step()
     assert loop.pipeline.out[layout.MOMENT_ACTUATION] == 0.0
 
@@ -204,7 +204,7 @@ def test_scene_in_force_gives_the_same_outputs_from_the_start():
     """A recording that starts after a command holds this scene."""
     loop = Loop(make(friction__coefficient=0.2))
     send(loop, "slide", position=(0.01,), velocity=(0.2,))
-    again = Loop(loop.pipeline.scene_in_force)
+    again = Loop(loop.pipeline.commands.scene_in_force)
     for _ in range(5):
         assert loop.step().wrench_b == again.step().wrench_b
     assert again.pipeline.scene.command.slide.position == 0.01

@@ -15,6 +15,7 @@ from cylconn_ros.messages import joint_command
 from cylconn_ros.messages.cdr_decoder import read_joint_state
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays
+from cylconn_ros.recording.unstamped import in_force, preload_topic
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -26,8 +27,13 @@ def known_drive(run: Run, samples: SampleArrays, topic: str = "") -> Array | Non
     """Return the drive's force and moment (n, 2) over the interval that ends with each sample.
 
     None if nothing drove the joint. Raises IdentifyError if a command imposed a motion, whose force
-    is not recorded, or ``topic`` has no efforts.
+    is not recorded, the preload was commanded, or ``topic`` has no efforts.
     """
+    if pressed := preload_topic(run):
+        raise IdentifyError(
+            f"{pressed}: the preload was commanded while the motion was recorded, but one value of "
+            "it is estimated; cut the recording where it is constant, and leave the topic out"
+        )
     total: Array | None = None
     for name, kind in run.types.items():
         if name.rsplit("/", 1)[-1] == "command" and kind == JOINT_STATE and run.counts[name]:
@@ -41,9 +47,6 @@ def known_drive(run: Run, samples: SampleArrays, topic: str = "") -> Array | Non
 
 def _commanded(run: Run, samples: SampleArrays, topic: str) -> Array:
     """Return the efforts of commands."""
-    motion = next(
-        (t for t in run.types if t.endswith(("body_b/pose", "body_b/odom")) and run.counts[t]), None
-    )
     force = np.zeros((len(samples), 2))
     current = dict.fromkeys(joint_command.COMPONENTS, 0.0)
     changes: list[tuple[int, list[float]]] = []
@@ -61,12 +64,9 @@ def _commanded(run: Run, samples: SampleArrays, topic: str) -> Array:
                 )
             current[name] = imposed.force if np.isfinite(imposed.force) else 0.0
         changes.append((log_time, [current[n] for n in joint_command.COMPONENTS]))
-    if motion is None or not changes:
+    row = in_force(run, [time for time, _ in changes], samples.stamps)
+    if row is None or not changes:
         return force
-    table = run.table(motion)
-    at = np.searchsorted(table.log_time, [time for time, _ in changes])
-    stamps = np.r_[table.stamp, np.iinfo(np.int64).max][at]  # the first sample that knows of it
-    row = np.searchsorted(stamps, samples.stamps, side="right") - 1
     values = np.vstack([np.array([v for _, v in changes]), np.zeros(2)])  # row -1: no command yet
     acting = values[row]
     force[1:] = acting[:-1]

@@ -36,6 +36,7 @@ class ConnectionStatus:
 
     incompatible: dict[str, str] = dataclasses.field(default_factory=dict)  # warning by topic
     other_types: dict[str, str] = dataclasses.field(default_factory=dict)  # warning by topic
+    several: dict[str, int] = dataclasses.field(default_factory=dict)  # publishers, by topic
     lost: dict[str, int] = dataclasses.field(default_factory=dict)  # never received, by topic
     timeouts: int = 0  # zero wrenches sent after an input timeout
     unpublished: int = 0  # outputs that the middleware did not accept
@@ -172,7 +173,8 @@ class Monitor:
             "flags": flags or "none",
             "stops touched": stops or "none",
             "locked": locked or "none",
-            **{f"imposed on {name}": what for name, what in pipeline.imposed.items()},
+            **{f"imposed on {name}": what for name, what in pipeline.commands.imposed.items()},
+            "preload [N]": f"{pipeline.commands.preload:g}",
         }
         latency_before, self._latency = self._latency, connector.measured_latency
         uneven = self._is_new("off period of the solution", health.off_period)
@@ -199,6 +201,12 @@ class Monitor:
     ) -> Iterator[Problem]:
         for topic, text in (*status.incompatible.items(), *status.other_types.items()):
             yield Problem(WARN, f"connection {topic}", text)
+        for topic, publishers in status.several.items():
+            text = (
+                f"{topic} has {publishers} publishers, expected one: the last message counts; end "
+                "all but one"
+            )
+            yield Problem(WARN, f"publishers {topic}", text)
         if self._is_new("unpublished", status.unpublished):
             text = f"outputs were not published: {status.unpublished_reason}"
             yield Problem(ERROR, "unpublished", text)

@@ -322,7 +322,7 @@ class ConnectorEndpoint:
         """Start a new history."""
         assert self.pipeline is not None
         self._monitor.forget()
-        self.pipeline.release()  # a command received before deactivation may be out of date
+        self.pipeline.commands.release()  # those from before deactivation may be out of date
         self.reset()
 
     def deactivate(self) -> None:
@@ -363,7 +363,7 @@ class ConnectorEndpoint:
         if self.pipeline is None:
             return None
         made = MessagePipeline(scene, load=False)
-        made.keep_imposed(self.pipeline)
+        made.commands.keep(self.pipeline.commands)
         return made
 
     def prepare(self, made: MessagePipeline | None) -> None:

@@ -170,6 +170,7 @@ class ConnectorNode(LifecycleNode):
             for connector in self._connectors:
                 connector.topics.check_types(graph)
                 connector.topics.withdraw_incompatible()
+                connector.topics.count_commanders()
 
     def handle_error(self, error: Exception) -> bool:
         """Count and log an exception of a callback; return True: the node continues."""

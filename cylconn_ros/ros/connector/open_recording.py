@@ -41,7 +41,7 @@ def open_recording(
             prefix_log(one.name, pipeline.connector.model) for one, pipeline in open_ones
         ),
         "parameters": dump_several(
-            {one.name: pipeline.scene_in_force for one, pipeline in open_ones}
+            {one.name: pipeline.commands.scene_in_force for one, pipeline in open_ones}
         ),
         "samples_before": str(sum(one.remembered for one in endpoints)),  # 0: can be replayed
         "connectors": json.dumps(connectors),

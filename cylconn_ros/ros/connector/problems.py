@@ -314,7 +314,7 @@ def latency_problem(connector: Connector, before: float | None) -> Iterator[Prob
     if declared >= 0:
         text = f"latency: {declared} is declared, but {text}"
         remedy = f"set latency: {whole}" if steady else "set latency: -1, which measures it"
-        if abs(latency - declared) > REFUTED:
+        if declared and abs(latency - declared) > REFUTED:
             text += "; the measured latency is used"
         yield Problem(WARN, f"declared latency {declared}", f"{text}: {remedy}")
     elif whole and steady:

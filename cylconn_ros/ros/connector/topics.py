@@ -15,6 +15,7 @@ from cylconn_ros.connector.load_history import IF_REGULAR, NO
 from cylconn_ros.errors import SceneError
 from cylconn_ros.messages import pipeline as messages
 from cylconn_ros.messages import topic_names
+from cylconn_ros.messages.commands import PRELOAD
 from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline, Response
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros import qos
@@ -228,6 +229,12 @@ class Topics:
 
     def _incompatible(self, topic: str, is_input: bool, policy: str) -> None:
         self._status.incompatible[topic] = qos.incompatible(topic, policy, is_input)
+
+    def count_commanders(self) -> None:
+        """Note the topics of which one publisher is expected, and that have several."""
+        topic = self.resolved(PRELOAD)
+        count = self._node.count_publishers(topic) if PRELOAD in self._subscriptions else 0
+        self._status.several = {topic: count} if count > 1 else {}
 
     def withdraw_incompatible(self) -> None:
         """Forget warnings about incompatible QoS whose peers have gone or changed."""

@@ -1,0 +1,54 @@
+"""Recorded messages without a stamp: they act from the next processed sample on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.recording.run import Run
+
+FLOAT64 = "std_msgs/msg/Float64"
+
+
+def in_force(
+    run: Run, log_times: Sequence[int], stamps: NDArray[np.int64]
+) -> NDArray[np.intp] | None:
+    """Return which of the messages is in force at each sample: its index, -1 before the first.
+
+    Args:
+        run: the recording; the motion of body B tells which sample followed a message.
+        log_times: of the messages, ns, ascending.
+        stamps: (n,) of the samples, ns.
+
+    None if body B has no recorded motion.
+    """
+    motion = next(
+        (t for t in run.types if t.endswith(("body_b/pose", "body_b/odom")) and run.counts[t]), None
+    )
+    if motion is None:
+        return None
+    table = run.table(motion)
+    at = np.searchsorted(table.log_time, log_times)
+    first = np.r_[table.stamp, np.iinfo(np.int64).max][at]  # the first sample that knows of it
+    return np.searchsorted(first, stamps, side="right") - 1
+
+
+def preload_topic(run: Run) -> str | None:
+    """The topic on which the preload was commanded; None if it was not."""
+    for topic, kind in run.types.items():
+        if kind == FLOAT64 and topic.rsplit("/", 1)[-1] == "preload" and run.counts[topic]:
+            return topic
+    return None
+
+
+def preloads(run: Run) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Log times (ns) and values (N) of the preloads that the connector followed; None if none."""
+    topic = preload_topic(run)
+    if topic is None:
+        return None
+    table = run.table(topic)
+    values = np.asarray(table["data"], dtype=np.float64)
+    followed = np.isfinite(values)
+    return table.log_time[followed], values[followed]
