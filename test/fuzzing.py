@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.errors import SceneError
-from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.messages import cdr_decoder
 from cylconn_ros.messages.cdr_encoder import JointStateWriter, OdometryWriter, StampedWriter
+from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.messages.pipeline import COMMAND, MessagePipeline
 from cylconn_ros.scene.parameter_file import dump, load_parameters, scene_part
 from cylconn_ros.scene.scene import Scene, several

@@ -186,8 +186,8 @@ def keep(result: Run, scene: Scene, output: Path) -> None:
 
 def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]) -> None:
     """Write the messages of the nodes as a recorded run; log times are the stamps."""
-    from cylconn_ros.messages import joint_command
     from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
+    from cylconn_ros.messages.commands import joint_command
     from cylconn_ros.recording.metadata import TopicInfo
     from cylconn_ros.recording.writer import RunWriter
 

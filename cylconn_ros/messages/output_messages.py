@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.messages import joint_command
 from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
+from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.messages.prefix_decoder import PrefixDecoder
 from cylconn_ros.messages.templates import MessageTemplates
 from cylconn_ros.scene.scene import Scene

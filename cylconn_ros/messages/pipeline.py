@@ -19,7 +19,7 @@ from cylconn_ros.connector.synchronized_sample import SynchronizedSample
 from cylconn_ros.connector.synchronizer import SampleMatcher
 from cylconn_ros.core import layout
 from cylconn_ros.messages import cdr_decoder, output_messages, statistics
-from cylconn_ros.messages.commands import COMMAND, JOINT_STATE, PRELOAD, Commands
+from cylconn_ros.messages.commands.commands import COMMAND, JOINT_STATE, PRELOAD, Commands
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.load_messages import LoadMessages
 from cylconn_ros.messages.output_messages import VALID_SAMPLE, OutputMessages, PipelineParts

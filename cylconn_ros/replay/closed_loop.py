@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages import joint_command
+from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
 from cylconn_ros.recording.unstamped import preloads

@@ -18,7 +18,7 @@ from cylconn_ros.connector.load_history import ALWAYS, IF_REGULAR, NO
 from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.errors import RecordingError, SceneError
 from cylconn_ros.messages import cdr_decoder
-from cylconn_ros.messages.commands import COMMAND, PRELOAD
+from cylconn_ros.messages.commands.commands import COMMAND, PRELOAD
 from cylconn_ros.messages.pipeline import OUTPUTS, STATE_TOPIC, MessagePipeline, Response
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.files.storage import Topics

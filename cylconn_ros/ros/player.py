@@ -17,7 +17,7 @@ import rclpy
 from rclpy.node import Node
 
 from cylconn_ros.errors import RecordingError
-from cylconn_ros.messages.commands import FLOAT64, JOINT_STATE
+from cylconn_ros.messages.commands.commands import FLOAT64, JOINT_STATE
 from cylconn_ros.process.interrupt import INTERRUPTED
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.ros import qos

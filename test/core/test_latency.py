@@ -195,7 +195,7 @@ def test_a_declared_latency_is_kept(declared: int, checked: bool) -> None:
     scene = dataclasses.replace(short("demo"), tolerance=0.0)
     connector = Connector(dataclasses.replace(scene, latency=declared), check_latency=checked)
     plant, sample = Plant(scene), np.zeros(layout.NSAMPLE)
-    sent = [np.zeros(12)]
+    sent: list[Array] = [np.zeros(12)]
     for k in range(12):
         plant.loads[7] = math.sin(0.3 * k)
         sample[layout.MOTION], sample[layout.LOADS] = plant.state, plant.loads

@@ -17,7 +17,8 @@ from std_srvs.srv import Trigger
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout
 from cylconn_ros.errors import SceneError
-from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.messages import cdr_decoder
+from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.messages.pipeline import COMMAND, MessagePipeline
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.ros.connector.diagnostics import ConnectionStatus, Monitor

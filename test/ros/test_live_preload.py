@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws.runs import check_recording
-from cylconn_ros.messages.commands import PRELOAD
+from cylconn_ros.messages.commands.commands import PRELOAD
 from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.recording.run import read_run
 from cylconn_ros.scene.scene import Scene, load

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.messages import joint_command
 from cylconn_ros.messages.cdr_decoder import read_joint_state
+from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays
 from cylconn_ros.recording.unstamped import in_force, preload_topic

@@ -15,7 +15,7 @@ from cylconn_ros.connector.load_history import IF_REGULAR, NO
 from cylconn_ros.errors import SceneError
 from cylconn_ros.messages import pipeline as messages
 from cylconn_ros.messages import topic_names
-from cylconn_ros.messages.commands import PRELOAD
+from cylconn_ros.messages.commands.commands import PRELOAD
 from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline, Response
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.ros import qos

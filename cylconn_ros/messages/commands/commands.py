@@ -11,9 +11,10 @@ from collections.abc import Callable, Mapping
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.errors import CylconnError
-from cylconn_ros.messages import cdr_decoder, joint_command
+from cylconn_ros.messages import cdr_decoder
+from cylconn_ros.messages.commands import joint_command
+from cylconn_ros.messages.commands.joint_command import Imposition
 from cylconn_ros.messages.health import Health
-from cylconn_ros.messages.joint_command import Imposition
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
 

@@ -1,0 +1,1 @@
+"""Commands to a connector: what they say, and which are in force."""
