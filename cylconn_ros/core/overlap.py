@@ -14,9 +14,12 @@ change nothing is computed.
 
 from typing import Final, NamedTuple
 
-from cylconn_ros.core import model
+from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array, Law, set_contact, with_contact
 from cylconn_ros.core.jit import inline_function
+
+SLOPES: Final = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}
+"""sigma of every value of friction.overlap_change."""
 
 # Numbers from model.OVERLAP on.
 SIGMA: Final = 0
@@ -53,12 +56,17 @@ def contact_range(par: Array, start: float, length: float) -> ContactRange:
 
 
 @inline_function
-def set_contact_range(par: Array, start: float, length: float) -> bool:
-    """Let the friction law of ``par`` hold at the slide ``length``; whether L > L_min."""
+def set_contact_range(par: Array, start: float, length: float, out: Array) -> bool:
+    """Let the friction law of ``par`` hold at the slide ``length``; whether L > L_min.
+
+    Overlap and middle, as a distance from node b along the slot, are written to ``out``.
+    """
     if not changes(par):
+        out[layout.OVERLAP], out[layout.CONTACT_CENTRE] = par[model.OVERLAP + LENGTH], 0.0
         return True
     found = contact_range(par, start, length)
     set_contact(par, model.FRICTION, found.overlap, found.centre)
+    out[layout.OVERLAP], out[layout.CONTACT_CENTRE] = found.overlap, -found.centre
     return found.engaged
 
 

@@ -147,8 +147,11 @@ def sum_residual(out: Array) -> Array:
 
 
 def contact_residual(p: Parameters, out: Array) -> Array:
-    """Residual (n,): Fr, Mbend, Fbend and FN follow from the reported wrench."""
-    rows = []
+    """Residual (n,): overlap, its middle, Fr, Mbend, Fbend and FN follow from motion and wrench."""
+    rows = [
+        ratio(out[:, layout.OVERLAP] - p.overlap, p.overlap * p.overlap_size),
+        ratio(out[:, layout.CONTACT_CENTRE] + p.centre, p.centre_size),
+    ]
     force, moment = out[:, layout.FORCE : layout.MOMENT], _moment(out)
     parts_of = contact(p, force, moment)
     sizes = contact(p, np.abs(force), np.abs(moment), sizes=True)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import friction, model
+from cylconn_ros.core.overlap import SLOPES
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Body, Friction, Node, Scene
@@ -163,7 +164,7 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
 
 def _overlap(given: Friction) -> list[float]:
     """How overlap and middle of the contact change with the slide; core/overlap.py."""
-    sigma = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}[given.overlap_change]
+    sigma = SLOPES[given.overlap_change]
     auto = "body_b" if sigma == 0.0 else "between"
     centre = auto if given.contact_centre == "auto" else given.contact_centre
     kappa = {"body_b": 0.0, "body_a": 1.0, "between": 0.5}[centre]
