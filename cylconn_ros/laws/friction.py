@@ -19,13 +19,15 @@ def contact(
 ) -> tuple[Array, Array, Array, Array]:
     """Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (..., n, 3) force, moment.
 
+    What is not in ``friction.inputs`` is 0 but for Mbend.
     Mbend is about the middle of the contact, p.centre before node b: M + centre e1 x F. sizes:
     force and moment are sizes, which add up, and overlap and centre have theirs.
     """
-    radial = np.hypot(force[..., 1], force[..., 2])
+    radial = np.where(p.radial, np.hypot(force[..., 1], force[..., 2]), 0.0)
     about2 = moment[..., 1] - p.centre * force[..., 2]
     about3 = moment[..., 2] + p.centre * force[..., 1]
-    lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
+    bends = p.bends & (p.overlap > 0.0)
+    lever = np.where(bends, 2.0 / np.where(bends, p.overlap, 1.0), 0.0)
     if sizes:
         about2 = moment[..., 1] + p.centre_size * force[..., 2]
         about3 = moment[..., 2] + p.centre_size * force[..., 1]
@@ -61,7 +63,7 @@ def at_contact(p: Parameters, length: Array, start: Array, size: Array) -> Param
 
 
 def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(..., n) coefficient mu at slip rate |s| (m/s) and contact force FN (N)."""
+    """(..., n) coefficient mu at slip rate |s| (m/s), contact force FN (N); mean of directions."""
     with np.errstate(under="ignore"):
         mu = p.kinetic + (p.static - p.kinetic) * np.exp(-p.decay * rate)
     for number in np.unique(p.table[p.table >= 0]):
@@ -101,6 +103,15 @@ def _interval(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
     return i, (x - axis[i]) / (axis[i + 1] - axis[i])
 
 
-def limit(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(..., n) friction limit min(cap, mu FN), N."""
-    return np.minimum(p.cap, coefficient(p, tables, rate, normal) * normal)
+def along(vector: Array) -> Array:
+    """(..., n) cosine between (..., n, 2) slip velocities, or forces, and a positive slide."""
+    size = np.hypot(vector[..., 0], vector[..., 1])
+    return np.asarray(vector[..., 0] / np.where(size > 0.0, size, 1.0))
+
+
+def limit(
+    p: Parameters, tables: Sequence[Table], rate: Array, normal: Array, cosine: Array
+) -> Array:
+    """(..., n) friction limit min(cap, mu FN), N; cosine: of the slip direction."""
+    mu = coefficient(p, tables, rate, normal) * (1.0 + p.direction * cosine)
+    return np.minimum(p.cap, mu * normal)

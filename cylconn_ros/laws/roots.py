@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.friction import contact, limit
+from cylconn_ros.laws.friction import along, contact, limit
 from cylconn_ros.laws.parameters import Bools, Rows, Table
 from cylconn_ros.laws.reduced import Problem
 
@@ -57,7 +57,7 @@ class Curve(Rows):
         q, p = self.problem, self.problem.parameters
         phi = self.phi(r)
         size = rigid.norm(phi)
-        found = limit(p, tables, r * size, contact_at(q, phi)) / size - 1.0
+        found = limit(p, tables, r * size, contact_at(q, phi), along(-phi)) / size - 1.0
         return np.asarray(np.where(self.unbounded & (r == 0.0), -1.0, found))
 
     def gaps(self, tables: Sequence[Table], r: Array) -> Array:
@@ -127,7 +127,8 @@ def last_root(c: Curve, tables: Sequence[Table]) -> Array:
     lesser, _ = c.ends
     slow = np.min(np.where(c.along != 0.0, np.abs(c.along), np.inf), axis=1)
     base = contact_at(c.problem, np.zeros_like(c.along))
-    resting = np.maximum(limit(c.problem.parameters, tables, slow, base), 1e-300)
+    p = c.problem.parameters
+    resting = np.maximum(limit(p, tables, slow, base, np.sign(p.direction)), 1e-300)
     far, beyond_all = slow / resting, rigid.norm(c.along) / resting
     high = np.log(np.where(c.unbounded, 1e-16 * far, 1e-13 * lesser))
     top = np.log(1e4 * np.maximum(beyond_all, c.ends[1]))

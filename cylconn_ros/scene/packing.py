@@ -61,6 +61,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
     par[model.FRICTION : model.FRICTION + friction.SIZE] = friction.pack(law)
     par[model.OVERLAP : model.OVERLAP + 6] = _overlap(scene.friction)
+    par[model.OFFSET] = scene.friction.offset_force
     elasticity, damping = scene.elasticity, scene.damping
     par[model.ELASTICITY : model.ELASTICITY + 4] = (
         elasticity.k1,
@@ -150,13 +151,15 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
     table = given.table
     law = friction.make_law(
         on=given.on,
-        coefficient=given.coefficient,
+        coefficient=given.mean_coefficient,
         static_coefficient=given.static_coefficient,
         decay=given.decay,
         cap=given.max_force,
         radius=given.radius,
-        overlap=given.overlap,
-        preload=given.preload,
+        overlap=given.overlap if given.presses("bending") else 0.0,
+        preload=given.preload if given.presses("preload") else 0.0,
+        radial=given.presses("radial"),
+        direction=given.direction,
         table=None if table is None else friction.Table(table.rates, table.forces, table.values),
     )
     return law, [] if table is None else [*table.rates, *table.forces, *table.values]
@@ -201,7 +204,7 @@ def _penalty(scene: Scene, method: str) -> list[float]:
         stick = gains.stiffness
         allowed = gains.elastic_slip
         if not math.isnan(allowed) and given.preload != 0.0:
-            greatest = max(given.coefficient, np.nan_to_num(given.static_coefficient))
+            greatest = max(given.mean_coefficient, np.nan_to_num(given.static_coefficient))
             stick = greatest * abs(given.preload) / allowed or stick
     stick_damping = gains.damping * stick / gains.stiffness
     # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the
