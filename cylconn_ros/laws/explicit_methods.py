@@ -114,7 +114,7 @@ def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
     slipping, resting = (limit(p, tables, r, f.normal, cosine) for r in (rate, rest))
     turned = rigid.norm(trial_size) / np.maximum(rigid.norm(trial), 1e-300)
     terms = limit_size(block, f, rate, rigid.norm(s_size))
-    terms = terms + np.abs(p.direction) * np.minimum(turned, 1.0) * slipping
+    terms = terms + np.abs(p.direction) * turned * slipping
     over = ratio(f.traction - slipping, terms)
     beyond = np.maximum(f.traction - resting, 0.0)
     no_friction = np.where(p.on == (slips | sticks), 0.0, np.inf)

@@ -301,7 +301,10 @@ def _details(rng: Random, values: dict[str, Any], weight: float) -> None:
         friction["offset_force"] = float(rng.normal() * weight * decades(rng, -2.0, 1.0))
     if rng.random() < 0.1:
         inputs = rng.permutation(["radial", "bending", "preload"])
-        friction["inputs"] = inputs[: int(rng.integers(1, 3))].tolist()
+        inputs = inputs[: int(rng.integers(1, 3))].tolist()
+        presses = {"radial": True, "bending": friction["overlap"], "preload": friction["preload"]}
+        if any(presses[each] for each in inputs):  # else there is no friction
+            friction["inputs"] = inputs
 
 
 def _overlap(rng: Random, overlap: float) -> dict[str, Any]:

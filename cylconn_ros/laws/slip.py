@@ -162,8 +162,9 @@ def limit_size(block: Block, f: ReportedFriction, rate: Array, rate_size: Array)
     p, tables = block.parameters, block.tables
     by_rate, by_force = slopes(p, tables)
     mu = coefficient(p, tables, rate, f.normal)
-    turned = np.minimum(rate_size / np.where(rate > 0.0, rate, 1.0), 1.0)  # of the direction
-    by_direction = np.abs(p.direction) * mu * (1.0 + turned)
+    # the direction of a slip that is the rest of larger terms is uncertain
+    uncertain = rate_size / np.maximum(rate, np.where(rate_size > 0.0, 1e-16 * rate_size, 1.0))
+    by_direction = np.abs(p.direction) * mu * (1.0 + uncertain)
     size = (mu + by_force * f.normal) * f.normal_size
     return np.asarray(size + (by_rate * rate_size + by_direction) * f.normal)
 
