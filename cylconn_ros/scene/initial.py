@@ -19,7 +19,8 @@ def initial_length(scene: SceneFields) -> float:
     places = []
     for k, node in enumerate((scene.node_a, scene.node_b)):
         pose = scene.initial_pose(k)
-        arm = out_of(matrix(_unit(pose[3:])), node.position)
+        x, y, z = node.position
+        arm = out_of(matrix(_unit(pose[3:])), (x, y, z))
         places.append(np.add(pose[:3], arm))
     apart = np.subtract(places[1], places[0])
     in_body_a = into(matrix(_unit(scene.initial_pose(0)[3:])), tuple(apart))

@@ -130,7 +130,8 @@ def test_sticking_has_the_limit_of_its_direction() -> None:
         for share, regime in ((1.0 - 1e-9, layout.STICK), (1.0 + 1e-9, layout.SLIP)):
             size = share * mu * weight
             load = [size * math.cos(angle), 0, 0, size * math.sin(angle) * RADIUS, 0, 0]
-            run = cr.simulate(sleeve(**{"plant.body_b.load": load}), duration=0.01)
+            changes: dict[str, Any] = {"plant.body_b.load": load}
+            run = cr.simulate(sleeve(**changes), duration=0.01)
             assert run["regime"][-1] == regime
             assert run["friction_limit"][0] == pytest.approx(mu * weight, rel=1e-8)
 
@@ -224,7 +225,8 @@ def test_values_that_contradict_are_refused(changes: dict[str, Any], words: str)
 def test_one_coefficient_of_a_direction_leaves_the_other() -> None:
     friction = cr.Friction(coefficient=0.3, coefficient_forward=0.1, radius=0.02)
     assert friction.by_direction == (0.1, 0.3)
-    assert (friction.mean_coefficient, friction.direction) == (0.2, pytest.approx(-0.5))
+    assert friction.mean_coefficient == pytest.approx(0.2)
+    assert friction.direction == pytest.approx(-0.5)
     assert cr.Friction(coefficient_backward=0.1, radius=0.02).on
     assert cr.Friction(coefficient=0.3).direction == 0.0
 
