@@ -255,7 +255,10 @@ def limit(law: Law, par: Array, rate: float, force: float, c: float) -> float:
 
     c: cosine of the slip direction, see :func:`cosine`.
     """
-    return min(law.cap, coefficient(law, par, rate, force) * share_of(law, c) * force)
+    mu = coefficient(law, par, rate, force)
+    if law.direction != 0.0:
+        mu *= share_of(law, c)
+    return min(law.cap, mu * force)
 
 
 @device_function

@@ -229,6 +229,12 @@ def _reaction_rounding(q: Problem, phi: Array) -> Array:
     return np.asarray((terms[0] + terms[2]) / np.maximum(normal[3], 1e-300))
 
 
+def _share_rounding(q: Problem, phi: Array) -> Array:
+    """(n,) terms of the share of direction 1 + d c, relative to it; infinite where it is 0."""
+    d = q.parameters.direction
+    return np.asarray(np.abs(d) / np.maximum(1.0 + d * along(-phi), 1e-300))
+
+
 def _rounding_of_phi(q: Problem, c: Curve, phi: Array) -> Array:
     """(n,) change of phi by the rounding of s_free, N."""
     traction = rigid.norm(phi)
@@ -274,7 +280,9 @@ def select_solution(q: Problem, tables: Sequence[Table]) -> Selected:
 
     no_root = full.unbounded & (r1 == 0.0) | half.unbounded & (r2 == 0.0) & may_turn
     least = AMBIGUOUS + 1e-15 * (
-        q.condition * _cancellation(q, found) + _reaction_rounding(q, found)
+        q.condition * _cancellation(q, found)
+        + _reaction_rounding(q, found)
+        + _share_rounding(q, found)
     )
     ambiguous = np.minimum(np.abs(margin), np.minimum(margin_full, margin_half)) < least
     ambiguous |= (
