@@ -5,7 +5,9 @@
                                          L_min, below which the joint has come apart, at most L_max
     d    = kappa D                       distance of the contact's middle before node b, along the
                                          slot; kappa: 0 if the bearing belongs to B, 1 if to A, 1/2
-                                         if the overlap changes at one end
+                                         if the overlap changes at one end, and only while it does:
+                                         beyond L_max the whole bearing of B is inserted, and the
+                                         middle stays with it, as it does where L is held at L_min
 
 Both enter the normal force alone (core/friction.py). A step takes them in its middle, as far as the
 velocity at its sample tells; a semi-implicit plant at its sample, as it takes the wrench. Without a
@@ -51,7 +53,10 @@ def contact_range(par: Array, start: float, length: float) -> ContactRange:
     moved = length - model.value_or(par[at + AT], start)
     overlap = par[at + LENGTH] + par[at + SIGMA] * moved
     engaged = overlap >= par[at + LEAST]
-    overlap = min(max(overlap, par[at + LEAST]), par[at + MOST])
+    held = min(max(overlap, par[at + LEAST]), par[at + MOST])
+    if held != overlap and par[at + KAPPA] == 0.5:
+        moved += par[at + SIGMA] * (held - overlap)
+    overlap = held
     return ContactRange(overlap, par[at + KAPPA] * moved, engaged)
 
 

@@ -24,7 +24,6 @@ from cylconn_ros.core.friction import (
     at_middle,
     coefficient,
     contact,
-    cosine,
     greatest_coefficient,
     last_force,
     least_coefficient,
@@ -119,10 +118,11 @@ def _excess(law: Law, par: Array, d: DiscProblem, c: SlipCandidates, r: float) -
     if size == 0.0:
         return math.inf
     normal = contact(law, reaction(d, phi)).normal
-    return limit(law, par, r * size, normal, cosine(law, phi)) / size - 1.0
+    along = -phi[0] / size if law.direction != 0.0 else 0.0
+    return limit(law, par, r * size, normal, along) / size - 1.0
 
 
-@inline_function
+@device_function
 def _slip_direction(d: DiscProblem, c: SlipCandidates, r: float) -> Two:
     """The unit vector of slip at r, -phi/|phi|. As r falls it turns one way, less than pi/2."""
     p = c.a
@@ -131,7 +131,7 @@ def _slip_direction(d: DiscProblem, c: SlipCandidates, r: float) -> Two:
     return ((d.cos * p - d.sin * q) / size, (d.sin * p + d.cos * q) / size)
 
 
-@inline_function
+@device_function
 def _least_share(law: Law, here: Two, there: Two) -> float:
     """A lower bound of the share of direction between two slip directions of the curve.
 
@@ -281,7 +281,9 @@ def first_root(law: Law, par: Array, d: DiscProblem, c: SlipCandidates, g_end: f
         only_one = greatest_coefficient(law) * growth * spread < 1.0
     if only_one and g_end >= 0.0:
         return 0.0
-    first = _slip_direction(d, c, math.inf) if law.direction != 0.0 else (0.0, 0.0)
+    first = (0.0, 0.0)
+    if law.direction != 0.0:
+        first = _slip_direction(d, c, math.inf)
     resting = limit(law, par, c.size, contact(law, d.base).normal, first[0])
     if resting <= NEGLIGIBLE_FORCE:
         return math.inf

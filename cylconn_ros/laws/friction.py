@@ -50,14 +50,19 @@ def at_contact(p: Parameters, length: Array, start: Array, size: Array) -> Param
     """
     given = np.where(np.isnan(p.overlap_at), start, p.overlap_at)
     moved, terms = length - given, size + np.abs(given)
-    overlap = np.clip(p.overlap + p.overlap_slope * moved, p.overlap_min, p.overlap_max)
+    change = p.overlap_slope * moved
+    overlap = np.clip(p.overlap + change, p.overlap_min, p.overlap_max)
+    # the middle between both bodies moves as long as the overlap changes
+    ends = p.overlap_slope * (overlap - p.overlap)
+    bounded = (p.centre_slope == 0.5) & (overlap != p.overlap + change)
+    followed = np.where(bounded, ends, moved)
     changes = (p.overlap > 0.0) & p.on & ((p.overlap_slope != 0.0) | (p.centre_slope != 0.0))
     share = (p.overlap + np.abs(p.overlap_slope) * terms) / np.where(changes, overlap, 1.0)
     return dataclasses.replace(
         p,
         overlap=np.where(changes, overlap, p.overlap),
         overlap_size=np.where(changes, np.maximum(share, 1.0), 1.0),
-        centre=np.where(changes, p.centre_slope * moved, 0.0),
+        centre=np.where(changes, p.centre_slope * followed, 0.0),
         centre_size=np.where(changes, p.centre_slope * terms, 0.0),
     )
 

@@ -6,7 +6,8 @@ about node b, c the mass centre from node b:
     f2, f3 = -W2, -W3                                  force of the shaft, across
     (m2, m3) = -T - c x m g + m l'' (c x e1)           its moment about node b, by d'Alembert
     M   = (m2 - kappa D f3, m3 + kappa D f2)           about the middle of the contact, D = l - l_L
-    FN  = |Fr + 2 |M| / L + FCint|,    L = L0 + sigma D within its bounds
+    FN  = |Fr + 2 |M| / L + FCint|,    L = L0 + sigma D within its bounds; with kappa = 1/2 the
+                                       middle moves within them only
     m l'' = W1 - offset - P sgn l',    P = mu FN, of the direction of l'
 
 M is linear in l'', hence in P, and P the least root of a quadratic equation; without one the slide
@@ -61,8 +62,10 @@ class _Sleeve:
     def traction(self, length: float, side: float) -> float:
         """P (N) at the slide ``length`` for a slide in the direction ``side``; inf: it jams."""
         f, moved = self.friction, length - self.at
-        overlap = f.overlap + SLOPES[f.overlap_change] * moved
-        overlap = min(max(overlap, f.overlap_min), f.overlap_max)
+        slope = SLOPES[f.overlap_change]
+        overlap = min(max(f.overlap + slope * moved, f.overlap_min), f.overlap_max)
+        if slope != 0.0 and self.share == 0.5:
+            moved = slope * (overlap - f.overlap)
         mu = f.coefficient_forward if side > 0.0 else f.coefficient_backward
         mu = f.coefficient if math.isnan(mu) else mu
         lever = 2.0 / overlap if f.overlap > 0.0 and "bending" in f.inputs else 0.0
@@ -76,6 +79,8 @@ class _Sleeve:
         base = -self.moment[1:] + push * self.arm
         base = base + self.share * moved * np.array([-f3, f2])
         by = -side * self.arm
+        if not by.any():
+            return mu * abs(pressed + lever * math.hypot(*base))
         # (P/mu - pressed)^2 = lever^2 |base + P by|^2, P >= mu pressed
         square = np.array([
             1.0 / mu**2 - lever**2 * (by @ by),

@@ -20,6 +20,7 @@ from cylconn_ros.connector.start import start_warnings
 from cylconn_ros.core import layout
 from cylconn_ros.laws import residuals
 from cylconn_ros.laws.runs import simulated
+from cylconn_ros.reference.moving_contact import slide
 from cylconn_ros.simulation.simulate import simulate
 
 MASS, G, MU, L0 = 2.0, 9.81, 0.1, 0.2
@@ -204,7 +205,8 @@ def test_the_state_has_overlap_and_middle() -> None:
     run = cr.simulate(scene, duration=0.3)
     middle = run["displacement"] + 0.5e-3 * run["velocity"][:, 0]
     np.testing.assert_allclose(run["overlap"], np.minimum(0.2 + middle, 0.205), rtol=1e-14)
-    np.testing.assert_allclose(run["contact_centre"], -0.5 * middle, rtol=1e-12)
+    moved = np.minimum(middle, 0.005)  # fully inserted, the middle stays with B's bearing
+    np.testing.assert_allclose(run["contact_centre"], -0.5 * moved, rtol=1e-12)
     assert run["overlap"][-1] == 0.205
     pressed = 2.0 * run["bending_moment"] / run["overlap"]
     np.testing.assert_allclose(run["bending_force"], pressed, rtol=1e-14)
@@ -214,3 +216,20 @@ def test_the_state_has_overlap_and_middle() -> None:
     )
     assert set(constant["overlap"]) == {0.2}
     assert not constant["contact_centre"].any()
+
+
+def test_beyond_full_insertion_the_middle_stays_with_the_bearing_of_b() -> None:
+    """Minimal and impulse against the integrated reference, across the change of slope."""
+    scene = drawer("increasing", "between", pull=8.0, moment=0.0, overlap_max=0.22)
+    expected = slide(scene, 0.6)
+    exact = cr.simulate(scene.replace({"method": "minimal"}), duration=0.6)
+    assert expected.distance > 0.08
+    assert exact["displacement"][-1] == pytest.approx(expected.distance, abs=1e-7)
+    run = cr.simulate(scene, duration=0.6)
+    assert run["displacement"][-1] == pytest.approx(expected.distance, abs=3e-6)
+    assert run["contact_centre"][-1] == pytest.approx(-0.01, abs=1e-15)
+    for_samples = simulate(scene, 0.6)
+    loads = tuple(float(x) for x in for_samples.plant.loads)
+    samples = simulated(scene, "impulse", for_samples.states, for_samples.outs, loads)
+    for block, _ in samples.blocks():
+        assert max(np.max(np.nan_to_num(r)) for r in residuals.check(block).values()) < 1e-12
