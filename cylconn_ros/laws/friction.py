@@ -51,10 +51,12 @@ def at_contact(p: Parameters, length: Array, start: Array, size: Array) -> Param
     given = np.where(np.isnan(p.overlap_at), start, p.overlap_at)
     moved, terms = length - given, size + np.abs(given)
     change = p.overlap_slope * moved
-    overlap = np.clip(p.overlap + change, p.overlap_min, p.overlap_max)
+    varies = p.overlap_slope != 0.0
+    clipped = np.clip(p.overlap + change, p.overlap_min, p.overlap_max)
+    overlap = np.where(varies, clipped, p.overlap)
     # the middle between both bodies moves as long as the overlap changes
     ends = p.overlap_slope * (overlap - p.overlap)
-    bounded = (p.centre_slope == 0.5) & (overlap != p.overlap + change)
+    bounded = varies & (p.centre_slope == 0.5) & (overlap != p.overlap + change)
     followed = np.where(bounded, ends, moved)
     changes = (p.overlap > 0.0) & p.on & ((p.overlap_slope != 0.0) | (p.centre_slope != 0.0))
     share = (p.overlap + np.abs(p.overlap_slope) * terms) / np.where(changes, overlap, 1.0)

@@ -63,9 +63,10 @@ class _Sleeve:
         """P (N) at the slide ``length`` for a slide in the direction ``side``; inf: it jams."""
         f, moved = self.friction, length - self.at
         slope = SLOPES[f.overlap_change]
-        overlap = min(max(f.overlap + slope * moved, f.overlap_min), f.overlap_max)
-        if slope != 0.0 and self.share == 0.5:
-            moved = slope * (overlap - f.overlap)
+        overlap = f.overlap
+        if slope != 0.0:
+            overlap = min(max(f.overlap + slope * moved, f.overlap_min), f.overlap_max)
+            moved = slope * (overlap - f.overlap) if self.share == 0.5 else moved
         mu = f.coefficient_forward if side > 0.0 else f.coefficient_backward
         mu = f.coefficient if math.isnan(mu) else mu
         lever = 2.0 / overlap if f.overlap > 0.0 and "bending" in f.inputs else 0.0

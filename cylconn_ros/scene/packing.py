@@ -172,9 +172,12 @@ def _overlap(given: Friction) -> list[float]:
     centre = auto if given.contact_centre == "auto" else given.contact_centre
     kappa = {"body_b": 0.0, "body_a": 1.0, "between": 0.5}[centre]
     bends = given.on and given.overlap > 0.0  # else neither matters
+    least, most = given.overlap_min, given.overlap_max
+    if sigma == 0.0:  # they are bounds of one that changes
+        least, most = 0.0, math.inf
     return [
         sigma if bends else 0.0, kappa if bends else 0.0, given.overlap_at, given.overlap,
-        given.overlap_min, given.overlap_max,
+        least, most,
     ]  # fmt: skip
 
 

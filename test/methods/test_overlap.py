@@ -233,3 +233,14 @@ def test_beyond_full_insertion_the_middle_stays_with_the_bearing_of_b() -> None:
     samples = simulated(scene, "impulse", for_samples.states, for_samples.outs, loads)
     for block, _ in samples.blocks():
         assert max(np.max(np.nan_to_num(r)) for r in residuals.check(block).values()) < 1e-12
+
+
+def test_a_constant_overlap_knows_no_bounds() -> None:
+    """Shorter than overlap_min, with a middle that moves: as given, and not apart."""
+    scene = drawer("constant", "body_a", pull=12.0, moment=0.0, overlap=5e-4, overlap_at=-1e-5)
+    run = cr.simulate(scene, duration=0.1)
+    assert set(run["overlap"]) == {5e-4}
+    assert not (run["flags"].astype(int) & layout.DISENGAGED).any()
+    pressed = 2.0 * run["bending_moment"] / 5e-4
+    np.testing.assert_allclose(run["bending_force"], pressed, rtol=1e-14)
+    assert run["displacement"][-1] == pytest.approx(slide(scene, 0.1).distance, rel=1e-3)
