@@ -74,7 +74,8 @@ class Friction:
         "auto",
         choices=("auto", "body_b", "body_a", "between"),
         doc="What carries the middle of the contact: the bearing of body_b or body_a; between: it "
-        "moves with half the slide. auto: body_b if the overlap is constant, else between.",
+        "moves with half the slide, as long as the overlap changes if it does. auto: body_b if "
+        "the overlap is constant, else between.",
     )
     preload: float = parameter(
         0.0, unit="N", doc="Self-equilibrated contact force FCint (press fit), of either sign."
