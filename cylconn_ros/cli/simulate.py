@@ -28,7 +28,7 @@ from cylconn_ros.cli import changes, checks, scenes, simulate_several
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.cli.summary import RunSummary, summarise
-from cylconn_ros.connector.start import starts_beyond_stops
+from cylconn_ros.connector.start import start_warnings
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.methods.traits import TRAITS
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"model       {result.connector.model}")
     if result.accuracy is not None:
         print(f"computed    {result.accuracy} (tolerance {scene.tolerance:g})")
-    for warning in starts_beyond_stops(result.connector):
+    for warning in start_warnings(result.connector):
         print(f"warning     {warning}")
     state = fields(result)
     found = summarise(result.time, state)

@@ -4,6 +4,7 @@ import math
 
 from cylconn_ros.connector.synchronized_sample import UnknownFrame
 from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.behaviour import INPUTS
 from cylconn_ros.scene.inputs import BODIES, carrier
 from cylconn_ros.scene.scene import Friction, Scene
 from cylconn_ros.scene.schema import show
@@ -65,20 +66,28 @@ def _latency(scene: Scene) -> str:
 
 
 def _friction(friction: Friction) -> str:
+    forward, backward = friction.by_direction
     if friction.table is not None:
         mu = "from a table"
-    elif friction.static_coefficient > friction.coefficient:
-        static, decay = show(friction.static_coefficient), show(friction.decay)
-        mu = f"{show(friction.coefficient)}, static {static}, decay {decay} s/m"
+    elif forward != backward:
+        mu = f"by direction, {show(forward)} forward and {show(backward)} backward"
     else:
-        mu = show(friction.coefficient)
+        mu = show(forward)
+    if friction.static_coefficient > friction.mean_coefficient:
+        mean = "" if forward == backward else "mean "
+        static, decay = show(friction.static_coefficient), show(friction.decay)
+        mu += f", {mean}static {static}, decay {decay} s/m"
     text = f"friction {mu}, radius {show(friction.radius)} m"
     if friction.overlap > 0.0:
         text += f", overlap {show(friction.overlap)} m"
         if friction.overlap_change != "constant":
             text += f" {friction.overlap_change} with the slide"
+        if friction.contact_centre in ("body_a", "between"):
+            text += f", its middle carried by {friction.contact_centre}"
     if friction.preload != 0.0:
         text += f", preload {show(friction.preload)} N"
+    if len(friction.inputs) < len(INPUTS):
+        text += f", pressed by {' and '.join(friction.inputs)} only"
     if math.isfinite(friction.max_force):
         text += f", at most {show(friction.max_force)} N"
     return text
@@ -93,6 +102,7 @@ def _on_free_components(scene: Scene) -> list[tuple[str, bool]]:
         for motion in (scene.command.slide, scene.command.spin)
         for value in (motion.position, motion.velocity, motion.force)
     ]
+    offset_force = scene.friction.offset_force
     return [
         ("springs", spring.k1 > 0.0 or spring.kr1 > 0.0),
         ("dampers", damper.c1 > 0.0 or damper.cr1 > 0.0),
@@ -100,6 +110,7 @@ def _on_free_components(scene: Scene) -> list[tuple[str, bool]]:
         (f"lock of {lock.component}" if lock.component != "none" else "lock",
          lock.component != "none"),
         ("imposed motion or force", not all(map(math.isnan, imposed))),
+        *[(f"offset force {show(offset)} N", True) for offset in [offset_force] if offset != 0.0],
     ]  # fmt: skip
 
 

@@ -5,17 +5,21 @@ from __future__ import annotations
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import model
 from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.initial import apart_at
 
 _RESOLUTION = 1e-9  # m or rad: a start at a stop is not beyond it
 
 
-def starts_beyond_stops(connector: Connector) -> list[str]:
-    """Warnings about slide and spin that started beyond a stop; empty before the first sample."""
+def start_warnings(connector: Connector) -> list[str]:
+    """Warnings about a start beyond a stop or apart; empty before the first sample."""
     memory, scene = connector.memory, connector.scene
-    if memory[model.HAS_REFERENCE] == 0.0 or not TRAITS[connector.method].has_limits:
+    if memory[model.HAS_REFERENCE] == 0.0:
         return []
+    apart = apart_at(scene.friction, memory[model.LENGTH0], memory[model.LENGTH0])
+    found = [apart] if apart else []
+    if not TRAITS[connector.method].has_limits:
+        return found
     stops, reference = scene.stops, scene.reference
-    found = []
     for start, name, (low, high), what, unit, speed in (
         (memory[model.LENGTH0], "l", (stops.l_min, stops.l_max), "slide", "m",
          f"reference.pull_in_speed ({reference.pull_in_speed:g} m/s)"),

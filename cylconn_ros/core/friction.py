@@ -5,13 +5,19 @@ Mbend = sqrt(m2^2 + m3^2)              bending moment
 Fbend = 2 Mbend / L                    L: overlap length of shaft and sleeve; L = 0: Mbend ignored
 FN    = |Fr + Fbend + FCint|           FCint: self-equilibrated preload force, of either sign
 P     = sqrt(f1f^2 + (m1f/R)^2)        traction; R: effective radius of the shaft
-limit = min(cap, mu FN)                P < limit: stick; P = limit: slip, against the slip velocity
+limit = min(cap, mu (1 + d c) FN)      P < limit: stick; P = limit: slip, against the slip velocity
 
 The bending moment is about the middle of the contact, which may move along the slot
 (core/overlap.py): at the distance d before node b it is (m2 - d f3, m3 + d f2).
 
 mu    = mu_k + (mu_s - mu_k) exp(-dc |s|), or a table over slip rate |s| and normal force FN
 s     = (v1, R w1), the work-conjugate of phi = (f1f, m1f/R)
+c     = v1/|s|, which is -f1f/P: the cosine of the slip direction. d: half of the difference of mu
+        between positive and negative slide over their mean, 0: the same in all directions
+
+With d the limits of all directions are no circle, but the curve P = limit(c) about the origin;
+friction still opposes the slip velocity, so that its work is never positive. It sticks while phi is
+within the curve. FN may leave out Fr, Fbend or FCint (weight 0 of Fr, 2/L = 0, FCint = 0).
 
 This module alone knows the order of the law's numbers in the parameter array: ``pack`` writes them,
 ``unpack`` reads them. The search for roots (core/slip_curve.py, core/traction.py) relies on bounds
@@ -51,6 +57,8 @@ class Law(NamedTuple):
     rates: int  # number of slip rates in the table; 0: no table
     forces: int  # number of normal forces in the table
     centre: float  # of the contact before node b along the slot, m (core/overlap.py)
+    radial: float  # weight of the radial force in FN, 1 or 0
+    direction: float  # d, from -1 to 1
     table: int  # index of the table's first number in the parameter array
 
 
@@ -68,9 +76,13 @@ class Table(NamedTuple):
 
 def make_law(
     *, on: bool, coefficient: float, static_coefficient: float, decay: float, cap: float,
-    radius: float, overlap: float, preload: float, table: Table | None,
+    radius: float, overlap: float, preload: float, table: Table | None, radial: bool = True,
+    direction: float = 0.0,
 ) -> Law:  # fmt: skip
-    """The law for the parameters ``friction.*`` of a scene (NaN: not given), slopes included."""
+    """The law for the parameters ``friction.*`` of a scene (NaN: not given), slopes included.
+
+    ``overlap``, ``preload``: 0 where they do not press; ``radial``: whether the radial force does.
+    """
     least = coefficient
     greatest = coefficient if math.isnan(static_coefficient) else static_coefficient
     rate_slope, force_slope = decay * abs(greatest - least), 0.0
@@ -85,6 +97,8 @@ def make_law(
         0 if table is None else len(table.rates),
         0 if table is None else len(table.forces),
         0.0,
+        1.0 if radial else 0.0,
+        direction,
         0,
     )  # fmt: skip
 
@@ -100,7 +114,7 @@ def _slopes(table: Table) -> tuple[float, float]:
 class Contact(NamedTuple):
     """Contact forces between shaft and sleeve, N, and the bending moment, N.m."""
 
-    radial: float  # Fr
+    radial: float  # Fr, 0 if it does not press
     moment: float  # Mbend
     bending: float  # Fbend
     normal: float  # FN
@@ -114,13 +128,16 @@ def set_limit(par: Array, at: int, limit: float) -> None:
     """
     par[at + 1] = par[at + 2] = _GREAT_COEFFICIENT
     par[at + 3] = par[at + 8] = par[at + 9] = par[at + 10] = par[at + 11] = 0.0
+    par[at + 14] = 0.0
     par[at + 4] = limit
 
 
 @inline_function
 def set_contact(par: Array, at: int, overlap: float, centre: float) -> None:
     """Set overlap (> 0, m) and middle of the contact (m) of a packed law."""
-    par[at + 6], par[at + 12] = 2.0 / overlap, centre
+    par[at + 12] = centre
+    if par[at + 6] != 0.0:  # else bending does not press
+        par[at + 6] = 2.0 / overlap
 
 
 def pack(law: Law) -> tuple[float, ...]:
@@ -145,6 +162,8 @@ def unpack(par: Array, at: int, table: int) -> Law:
         int(par[at + 10]),
         int(par[at + 11]),
         par[at + 12],
+        par[at + 13],
+        par[at + 14],
         table,
     )
 
@@ -154,28 +173,31 @@ def without_preload(law: Law) -> Law:
     """The same law with FCint = 0: a finite force has no impulse in an impact."""
     return Law(
         law.on, law.kinetic, law.static, law.decay, law.cap, law.radius, law.bending, 0.0,
-        law.rate_slope, law.force_slope, law.rates, law.forces, law.centre, law.table,
+        law.rate_slope, law.force_slope, law.rates, law.forces, law.centre, law.radial,
+        law.direction, law.table,
     )  # fmt: skip
 
 
 @inline_function
 def with_contact(law: Law, overlap: float, centre: float) -> Law:
     """The same law with another overlap (> 0, m) and middle of the contact (m)."""
+    bending = 2.0 / overlap if law.bending != 0.0 else 0.0
     return Law(
-        law.on, law.kinetic, law.static, law.decay, law.cap, law.radius, 2.0 / overlap, law.preload,
-        law.rate_slope, law.force_slope, law.rates, law.forces, centre, law.table,
+        law.on, law.kinetic, law.static, law.decay, law.cap, law.radius, bending, law.preload,
+        law.rate_slope, law.force_slope, law.rates, law.forces, centre, law.radial, law.direction,
+        law.table,
     )  # fmt: skip
 
 
 @inline_function
 def least_coefficient(law: Law) -> float:
-    """A lower bound of mu at any slip rate and normal force."""
+    """A lower bound of mu at any slip rate and normal force, without the share of direction."""
     return law.kinetic
 
 
 @inline_function
 def greatest_coefficient(law: Law) -> float:
-    """An upper bound of mu at any slip rate and normal force."""
+    """An upper bound of mu at any slip rate and normal force, without the share of direction."""
     return law.static
 
 
@@ -190,7 +212,7 @@ def at_middle(law: Law, reaction: Four) -> Four:
 def contact(law: Law, reaction: Four) -> Contact:
     """Contact forces of the constraint reactions (f2, f3, m2, m3) at node b."""
     f2, f3, m2, m3 = at_middle(law, reaction)
-    radial = math.sqrt(f2 * f2 + f3 * f3)
+    radial = law.radial * math.sqrt(f2 * f2 + f3 * f3)
     moment = math.sqrt(m2 * m2 + m3 * m3)
     bending = law.bending * moment
     return Contact(radial, moment, bending, abs(radial + bending + law.preload))
@@ -198,7 +220,7 @@ def contact(law: Law, reaction: Four) -> Contact:
 
 @inline_function
 def coefficient(law: Law, par: Array, rate: float, force: float) -> float:
-    """Mu at a slip rate |s| (m/s) and a normal force (N)."""
+    """Mu at a slip rate |s| (m/s) and a normal force (N), the mean of both directions of slide."""
     if law.rates > 0:
         return _interpolated(law, par, rate, force)
     if law.static == law.kinetic:
@@ -213,9 +235,30 @@ def last_force(law: Law, par: Array) -> float:
 
 
 @inline_function
-def limit(law: Law, par: Array, rate: float, force: float) -> float:
-    """The friction limit, N: the greatest traction P at a slip rate |s| and a normal force FN."""
-    return min(law.cap, coefficient(law, par, rate, force) * force)
+def cosine(law: Law, phi: tuple[float, float]) -> float:
+    """Cosine of the slip direction that the friction phi opposes; 0 if the law needs none."""
+    if law.direction == 0.0:
+        return 0.0
+    size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
+    return -phi[0] / size if size > 0.0 else 0.0
+
+
+@inline_function
+def share_of(law: Law, c: float) -> float:
+    """1 + d c: mu in a slip direction with the cosine c over the mean of both directions."""
+    return 1.0 + law.direction * c
+
+
+@inline_function
+def limit(law: Law, par: Array, rate: float, force: float, c: float) -> float:
+    """The friction limit, N: the greatest traction P at a slip rate |s| and a normal force FN.
+
+    c: cosine of the slip direction, see :func:`cosine`.
+    """
+    mu = coefficient(law, par, rate, force)
+    if law.direction != 0.0:
+        mu *= share_of(law, c)
+    return min(law.cap, mu * force)
 
 
 @device_function

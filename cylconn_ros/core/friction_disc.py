@@ -9,7 +9,7 @@ far, s-.s+ > |s-|^2/4, else theta = 1.
 import math
 from typing import NamedTuple
 
-from cylconn_ros.core.friction import Array, Law, coefficient, contact
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, cosine, share_of
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.layout import JAMMED, SEVERAL_ROOTS, SLIP, STICK
 from cylconn_ros.core.slip_curve import (
@@ -100,7 +100,8 @@ def _stick(law: Law, par: Array, d: DiscProblem, end: SlipCandidates) -> DiscSol
     phi = phi_at(d, end, 0.0)
     size = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1])
     grown = contact(law, reaction(d, phi)).normal - contact(law, d.base).normal
-    if coefficient(law, par, 0.0, grown) * grown >= size > 0.0:
+    mu = coefficient(law, par, 0.0, grown) * share_of(law, cosine(law, phi))
+    if mu * grown >= size > 0.0:
         flags = JAMMED
     half = (0.5 * d.s_minus[0], 0.5 * d.s_minus[1])
     return DiscSolution(phi, (0.0, 0.0), half, STICK, flags)

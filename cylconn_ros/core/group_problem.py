@@ -27,7 +27,7 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
-from cylconn_ros.core.friction import Array, at_middle, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, at_middle, coefficient, contact, limit, share_of
 from cylconn_ros.core.jit import device_function, inline_function
 
 STOPS: Final = 10.0  # ratio of the terms of reactions and friction
@@ -158,13 +158,6 @@ def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
     m = g.epsilon[0] * g.mobility[c]
     gain = m if g.sharp[0] != 0.0 else g.gain[c]
     x, y = _slip(g, i), _slip(g, j)
-    radius = g.fixed[c]
-    if follow:
-        law = model.law(g.par[c])
-        rate = g.theta[c] * math.sqrt(x * x + y * y)
-        g.limits[c] = limit(law, g.par[c], rate, contact(law, _reaction(g, c)).normal)
-        radius = g.share[0] * g.limits[c]
-    g.radius[c] = radius
     a = g.phi[i] - (x + m * (g.phi[i] - g.anchor[i])) / gain
     b = g.phi[j] - (y + m * (g.phi[j] - g.anchor[j])) / gain
     if g.slips[i] == 0.0:
@@ -173,6 +166,14 @@ def _disc_residual(g: GroupProblem, c: int, follow: bool) -> float:
         b = 0.0
     g.away[i], g.away[j] = a, b
     out = math.sqrt(a * a + b * b)
+    radius = g.fixed[c]
+    if follow:
+        law = model.law(g.par[c])
+        rate = g.theta[c] * math.sqrt(x * x + y * y)
+        along = -a / out if law.direction != 0.0 and out > 0.0 else 0.0
+        g.limits[c] = limit(law, g.par[c], rate, contact(law, _reaction(g, c)).normal, along)
+        radius = g.share[0] * g.limits[c]
+    g.radius[c] = radius
     share = 1.0 if is_within(g, c, out) else radius / out
     g.residual[i], g.residual[j] = g.phi[i] - share * a, g.phi[j] - share * b
     size = (g.size[i] + g.size[j]) / g.gain[c] + (radius if radius < math.inf else 0.0)
@@ -195,8 +196,12 @@ def _reaction(g: GroupProblem, c: int) -> tuple[float, float, float, float]:
 
 
 @device_function
-def _limit_slope(g: GroupProblem, c: int) -> None:
-    """Write the slope of the limit of connector c over all components to ``slope``."""
+def _limit_slope(g: GroupProblem, c: int, along: float) -> float:
+    """Write the slope of the limit of connector c over all components to ``slope``.
+
+    Without the part by the slip direction, whose cosine is ``along``; returns the limit's slope
+    over that cosine.
+    """
     n, i, j, r = 2 * g.number, 2 * c, 2 * c + 1, 4 * c
     par = g.par[c]
     law = model.law(par)
@@ -205,20 +210,21 @@ def _limit_slope(g: GroupProblem, c: int) -> None:
     x, y = _slip(g, i), _slip(g, j)
     total = math.sqrt(x * x + y * y)
     rate = g.theta[c] * total
-    radius = limit(law, par, rate, pressed.normal)
-    over_normal = coefficient(law, par, rate, pressed.normal)
+    radius = limit(law, par, rate, pressed.normal, along)
+    mean = coefficient(law, par, rate, pressed.normal)
+    over_normal, over_cosine = mean * share_of(law, along), law.direction * mean * pressed.normal
     over_rate = 0.0
     if law.force_slope > 0.0 and pressed.normal > 0.0:
         d = _DIFFERENCE * pressed.normal
-        over_normal = (limit(law, par, rate, pressed.normal + d) - radius) / d
+        over_normal = (limit(law, par, rate, pressed.normal + d, along) - radius) / d
     if law.rate_slope > 0.0 and rate > 0.0:
         d = _DIFFERENCE * rate
-        over_rate = (limit(law, par, rate + d, pressed.normal) - radius) / d
+        over_rate = (limit(law, par, rate + d, pressed.normal, along) - radius) / d
     if radius >= law.cap:
-        over_normal = over_rate = 0.0
+        over_normal = over_rate = over_cosine = 0.0
     if pressed.radial + pressed.bending + law.preload < 0.0:
         over_normal = -over_normal
-    radial = over_normal / pressed.radial if pressed.radial > 0.0 else 0.0
+    radial = law.radial * over_normal / pressed.radial if pressed.radial > 0.0 else 0.0
     bending = over_normal * law.bending / pressed.moment if pressed.moment > 0.0 else 0.0
     across = over_rate * g.theta[c] / total if total > 0.0 else 0.0
     for k in range(n):
@@ -229,6 +235,7 @@ def _limit_slope(g: GroupProblem, c: int) -> None:
             + bending * (m2 * turn2 + m3 * turn3)
             + across * (x * g.s[i, k] + y * g.s[j, k])
         )
+    return float(g.share[0] * over_cosine)
 
 
 @device_function
@@ -289,11 +296,12 @@ def _linearise_disc(
     out = math.sqrt(a * a + b * b)
     slips = not is_within(g, c, out)
     share, d11, d12, d22, n1, n2 = 1.0, 1.0, 0.0, 1.0, 0.0, 0.0
+    turn = 0.0  # slope of the limit over n1 times that of n1 over the projected point
     if slips:
         share, n1, n2 = g.radius[c] / out, a / out, b / out
         d11, d12, d22 = share * n2 * n2, -share * n1 * n2, share * n1 * n1
         if follow:
-            _limit_slope(g, c)
+            turn = _limit_slope(g, c, -n1) * n2 / out
     first = g.slips[i] != 0.0
     second_row = row + 1 if first else row
     for column in range(unknowns):
@@ -312,6 +320,7 @@ def _linearise_disc(
         elif not both:
             q2 = 0.0
         grown = g.slope[at] if slips and follow else 0.0
+        grown -= turn * (n2 * q1 - n1 * q2)
         if first:
             g.matrix[row, column] = e1 - d11 * q1 - d12 * q2 - n1 * grown
         if both or not first:

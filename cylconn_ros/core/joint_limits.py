@@ -211,8 +211,8 @@ def drive_limit(par: Array, k: int) -> float:
 
 @inline_function
 def imposed_force(par: Array, k: int) -> float:
-    """The force or moment imposed on component k."""
-    return model.value_or(par[model.COMMAND + 3 * k + 2], 0.0)
+    """The force or moment imposed on component k, with the constant one that resists it."""
+    return model.value_or(par[model.COMMAND + 3 * k + 2], 0.0) - par[model.OFFSET + k]
 
 
 @inline_function

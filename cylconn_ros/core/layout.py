@@ -50,6 +50,8 @@ STATE_FIELDS: Final[tuple[tuple[str, int], ...]] = (
     ("moment_friction", 1),
     ("moment_actuation", 1),
     ("moment_reaction", 1),
+    ("overlap", 1),
+    ("contact_centre", 1),
     ("radial_force", 1),
     ("bending_moment", 1),
     ("bending_force", 1),
@@ -112,6 +114,8 @@ MOMENT_VISCOUS: Final = STATE_INDEX["moment_viscous"]
 MOMENT_FRICTION: Final = STATE_INDEX["moment_friction"]
 MOMENT_ACTUATION: Final = STATE_INDEX["moment_actuation"]
 MOMENT_REACTION: Final = STATE_INDEX["moment_reaction"]
+OVERLAP: Final = STATE_INDEX["overlap"]
+CONTACT_CENTRE: Final = STATE_INDEX["contact_centre"]
 RADIAL_FORCE: Final = STATE_INDEX["radial_force"]
 BENDING_MOMENT: Final = STATE_INDEX["bending_moment"]
 BENDING_FORCE: Final = STATE_INDEX["bending_force"]

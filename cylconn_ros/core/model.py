@@ -49,7 +49,8 @@ CONSTRAINT: Final = (
 DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (infinite: no limit),
 #                                speed of approach of an imposed position
 OVERLAP: Final = DRIVE + 4  # how the contact changes with the slide: see core/overlap.py
-TABLE: Final = OVERLAP + 6  # of the friction coefficient: rates, forces, values
+OFFSET: Final = OVERLAP + 6  # of slide, of spin: constant force (N), moment that resists them
+TABLE: Final = OFFSET + 2  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined

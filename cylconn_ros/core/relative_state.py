@@ -176,7 +176,7 @@ def measure(par: Array, mem: Array, sample: Array, step: float, out: Array) -> R
     model.write_vector(mem, model.LAST_POSITION, position)
     model.write_vector(mem, model.LAST_VELOCITY, rates.v)
     ahead = min(step, 0.0) if model.output(par).semi_implicit else 0.5 * step
-    if not set_contact_range(par, mem[model.LENGTH0], position[0] + ahead * rates.v[0]):
+    if not set_contact_range(par, mem[model.LENGTH0], position[0] + ahead * rates.v[0], out):
         flags |= layout.DISENGAGED
     error = _error(mem, position, swing)
     if not is_delayed(par, mem):

@@ -28,6 +28,7 @@ from cylconn_ros.core.friction import (
     last_force,
     least_coefficient,
     limit,
+    share_of,
 )
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four, eigen2
@@ -117,7 +118,28 @@ def _excess(law: Law, par: Array, d: DiscProblem, c: SlipCandidates, r: float) -
     if size == 0.0:
         return math.inf
     normal = contact(law, reaction(d, phi)).normal
-    return limit(law, par, r * size, normal) / size - 1.0
+    along = -phi[0] / size if law.direction != 0.0 else 0.0
+    return limit(law, par, r * size, normal, along) / size - 1.0
+
+
+@device_function
+def _slip_direction(d: DiscProblem, c: SlipCandidates, r: float) -> Two:
+    """The unit vector of slip at r, -phi/|phi|. As r falls it turns one way, less than pi/2."""
+    p = c.a
+    q = c.b * ((c.l1 + r) / (c.l2 + r)) if r < math.inf else c.b
+    size = math.sqrt(p * p + q * q)
+    return ((d.cos * p - d.sin * q) / size, (d.sin * p + d.cos * q) / size)
+
+
+@device_function
+def _least_share(law: Law, here: Two, there: Two) -> float:
+    """A lower bound of the share of direction between two slip directions of the curve.
+
+    Between them no direction is farther from ``here`` than ``there`` is, and neither is its cosine.
+    """
+    x, y = there[0] - here[0], there[1] - here[1]
+    least = share_of(law, here[0]) - abs(law.direction) * math.sqrt(x * x + y * y)
+    return max(least, 1.0 - abs(law.direction))
 
 
 @inline_function
@@ -138,7 +160,7 @@ def _normal_force_slope(law: Law, d: DiscProblem) -> float:
     c1, c2 = at_middle(law, d.c1), at_middle(law, d.c2)
     f = c1[0] ** 2 + c1[1] ** 2 + c2[0] ** 2 + c2[1] ** 2
     m = c1[2] ** 2 + c1[3] ** 2 + c2[2] ** 2 + c2[3] ** 2
-    return math.sqrt(f) + law.bending * math.sqrt(m)
+    return law.radial * math.sqrt(f) + law.bending * math.sqrt(m)
 
 
 @device_function
@@ -240,6 +262,8 @@ def _is_free_of_roots(
     if law.force_slope > 0.0 and min(normal_high, normal_low) < last_force(law, par):
         mu -= law.force_slope * growth * math.sqrt((x - u) * (x - u) + (y - v) * (y - v))
     mu = max(mu, least_coefficient(law))
+    if law.direction != 0.0:
+        mu *= _least_share(law, _slip_direction(d, c, high), _slip_direction(d, c, low))
     return mu * normal_high > size_high and mu * normal_low > size
 
 
@@ -251,12 +275,16 @@ def first_root(law: Law, par: Array, d: DiscProblem, c: SlipCandidates, g_end: f
     """
     growth = _normal_force_slope(law, d)
     only_one = False
-    if law.rate_slope == 0.0 and law.force_slope == 0.0 and _has_end(c):
+    varies = law.rate_slope != 0.0 or law.force_slope != 0.0 or law.direction != 0.0
+    if not varies and _has_end(c):
         spread = (c.l1 + c.l2) / (2.0 * math.sqrt(c.l1 * c.l2))  # |d phi| / d|phi|, Kantorovich
         only_one = greatest_coefficient(law) * growth * spread < 1.0
     if only_one and g_end >= 0.0:
         return 0.0
-    resting = limit(law, par, c.size, contact(law, d.base).normal)
+    first = (0.0, 0.0)
+    if law.direction != 0.0:
+        first = _slip_direction(d, c, math.inf)
+    resting = limit(law, par, c.size, contact(law, d.base).normal, first[0])
     if resting <= NEGLIGIBLE_FORCE:
         return math.inf
     high = c.size / resting
@@ -275,7 +303,10 @@ def first_root(law: Law, par: Array, d: DiscProblem, c: SlipCandidates, g_end: f
         normal = max(contact(law, d.base).normal - growth * size, 0.0)
         mu = coefficient(law, par, c.size, contact(law, d.base).normal)
         mu -= law.rate_slope * c.size * c.l1 / (c.l1 + high) + law.force_slope * growth * size
-        certain = size < min(law.cap, max(mu, least_coefficient(law)) * normal)
+        mu = max(mu, least_coefficient(law))
+        if law.direction != 0.0:
+            mu *= _least_share(law, first, _slip_direction(d, c, high))
+        certain = size < min(law.cap, mu * normal)
     if not certain:
         return math.inf
     g_high = _excess(law, par, d, c, high)
@@ -329,7 +360,8 @@ def _grid_search(
 @device_function
 def last_root(law: Law, par: Array, d: DiscProblem, c: SlipCandidates) -> float:
     """The root nearest to r = 0 by a search upwards; inf: there is none."""
-    greatest = limit(law, par, c.size, contact(law, d.base).normal)
+    most = math.copysign(1.0, law.direction)
+    greatest = limit(law, par, c.size, contact(law, d.base).normal, most)
     low = 1e-13 * c.l2
     if not _has_end(c):
         limited = abs(c.b) if c.l2 <= 0.0 and c.b != 0.0 else abs(c.a)  # the moving component

@@ -9,7 +9,15 @@ that F is convex in P. The solution is the first zero of g = share mu FN - P, po
     mu over FN   a table: steps of g/(1 + greatest slope) rise to the zero and do not pass it
 """
 
-from cylconn_ros.core.friction import Array, Contact, Law, at_middle, coefficient, contact
+from cylconn_ros.core.friction import (
+    Array,
+    Contact,
+    Law,
+    at_middle,
+    coefficient,
+    contact,
+    share_of,
+)
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.small_matrices import Four
 
@@ -37,14 +45,15 @@ def _slope(law: Law, at: Contact, reaction: Four, by: Four) -> float:
 
 @device_function
 def least_traction(
-    law: Law, par: Array, base: Four, by: Four, share: float, rate: float, most: float
+    law: Law, par: Array, base: Four, by: Four, share: float, rate: float, c: float, most: float
 ) -> tuple[float, bool, float]:
     """The least P with P = share limit(FN(P)), at most ``most``, N.
 
-    ``rate``: the slip rate |s| for the coefficient, m/s. Returns P, True if there is no solution
-    (jam), and the relative residual.
+    ``rate``, ``c``: slip rate |s| (m/s) and cosine of the slip direction for the limit. Returns P,
+    True if there is no solution (jam), and the relative residual.
     """
-    most = min(most, share * law.cap)
+    capped = share * law.cap
+    most, share = min(most, capped), share * share_of(law, c)
     at = contact(law, base)
     if law.force_slope > 0.0:
         return _least_over_table(law, par, base, by, share, rate, most)
@@ -61,7 +70,7 @@ def least_traction(
             break
         falling = 1.0 - factor * _slope(law, at, reaction, by)
         if falling <= 0.0:
-            return most, most != share * law.cap, 0.0
+            return most, most != capped, 0.0
         p += (wanted - p) / falling
         if p >= most:
             return most, False, 0.0

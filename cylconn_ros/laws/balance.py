@@ -128,10 +128,10 @@ def component_residual(
 
 
 def actuation_residual(p: Parameters, out: Array) -> Array:
-    """Residual (n,): the actuation is the commanded force or moment."""
-    wanted = np.where(np.isnan(p.command[:, :, 2]), 0.0, p.command[:, :, 2])
+    """Residual (n,): the actuation is the commanded force or moment, less the constant one."""
+    wanted = p.imposed_force
     given = out[:, [layout.FORCE_ACTUATION, layout.MOMENT_ACTUATION]]
-    return np.asarray(np.max(ratio(given - wanted, np.abs(wanted)), axis=1))
+    return np.asarray(np.max(ratio(given - wanted, np.abs(wanted) + np.abs(p.offset)), axis=1))
 
 
 def sum_residual(out: Array) -> Array:
@@ -147,8 +147,11 @@ def sum_residual(out: Array) -> Array:
 
 
 def contact_residual(p: Parameters, out: Array) -> Array:
-    """Residual (n,): Fr, Mbend, Fbend and FN follow from the reported wrench."""
-    rows = []
+    """Residual (n,): overlap, its middle, Fr, Mbend, Fbend and FN follow from motion and wrench."""
+    rows = [
+        ratio(out[:, layout.OVERLAP] - p.overlap, p.overlap * p.overlap_size),
+        ratio(out[:, layout.CONTACT_CENTRE] + p.centre, p.centre_size),
+    ]
     force, moment = out[:, layout.FORCE : layout.MOMENT], _moment(out)
     parts_of = contact(p, force, moment)
     sizes = contact(p, np.abs(force), np.abs(moment), sizes=True)

@@ -17,7 +17,7 @@ from cylconn_ros.laws.balance import (
 )
 from cylconn_ros.laws.bounds import driven, motion_bounds, stop_sides
 from cylconn_ros.laws.drives import excess
-from cylconn_ros.laws.friction import limit
+from cylconn_ros.laws.friction import along, limit
 from cylconn_ros.laws.normalised import Block, ratio, worst
 from cylconn_ros.laws.parameters import Parameters, world
 from cylconn_ros.laws.sample_state import Frame, SampleState, frame
@@ -110,8 +110,11 @@ def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
     rest = np.zeros_like(rate)
     slips, sticks = (out[:, layout.REGIME] == x for x in (layout.SLIP, layout.STICK))
     size = rigid.norm(trial_size)
-    slipping, resting = (limit(p, tables, r, f.normal) for r in (rate, rest))
+    cosine = along(-trial)
+    slipping, resting = (limit(p, tables, r, f.normal, cosine) for r in (rate, rest))
+    turned = rigid.norm(trial_size) / np.maximum(rigid.norm(trial), 1e-300)
     terms = limit_size(block, f, rate, rigid.norm(s_size))
+    terms = terms + np.abs(p.direction) * turned * slipping
     over = ratio(f.traction - slipping, terms)
     beyond = np.maximum(f.traction - resting, 0.0)
     no_friction = np.where(p.on == (slips | sticks), 0.0, np.inf)
@@ -182,7 +185,7 @@ def baumgarte(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     slip, size = elastic.slip_of_sample(p, o)
     f = reported_friction(block, np.abs(out[:, CONSTRAINT]))
     rate = rigid.norm(slip)
-    over = np.maximum(f.traction - limit(p, block.tables, rate, f.normal), 0.0)
+    over = np.maximum(f.traction - limit(p, block.tables, rate, f.normal, along(slip)), 0.0)
     power = np.maximum(rigid.dot(f.phi, slip), 0.0)
     rows = rate[:, None] * f.phi + f.traction[:, None] * slip
     terms = rate[:, None] * np.abs(f.phi) + f.traction[:, None] * (size + np.abs(slip))

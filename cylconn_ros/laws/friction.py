@@ -19,13 +19,15 @@ def contact(
 ) -> tuple[Array, Array, Array, Array]:
     """Fr, Mbend, Fbend = 2 Mbend / L and FN = |Fr + Fbend + FCint| of (..., n, 3) force, moment.
 
+    What is not in ``friction.inputs`` is 0 but for Mbend.
     Mbend is about the middle of the contact, p.centre before node b: M + centre e1 x F. sizes:
     force and moment are sizes, which add up, and overlap and centre have theirs.
     """
-    radial = np.hypot(force[..., 1], force[..., 2])
+    radial = np.where(p.radial, np.hypot(force[..., 1], force[..., 2]), 0.0)
     about2 = moment[..., 1] - p.centre * force[..., 2]
     about3 = moment[..., 2] + p.centre * force[..., 1]
-    lever = np.where(p.overlap > 0.0, 2.0 / np.where(p.overlap > 0.0, p.overlap, 1.0), 0.0)
+    bends = p.bends & (p.overlap > 0.0)
+    lever = np.where(bends, 2.0 / np.where(bends, p.overlap, 1.0), 0.0)
     if sizes:
         about2 = moment[..., 1] + p.centre_size * force[..., 2]
         about3 = moment[..., 2] + p.centre_size * force[..., 1]
@@ -48,20 +50,27 @@ def at_contact(p: Parameters, length: Array, start: Array, size: Array) -> Param
     """
     given = np.where(np.isnan(p.overlap_at), start, p.overlap_at)
     moved, terms = length - given, size + np.abs(given)
-    overlap = np.clip(p.overlap + p.overlap_slope * moved, p.overlap_min, p.overlap_max)
+    change = p.overlap_slope * moved
+    varies = p.overlap_slope != 0.0
+    clipped = np.clip(p.overlap + change, p.overlap_min, p.overlap_max)
+    overlap = np.where(varies, clipped, p.overlap)
+    # the middle between both bodies moves as long as the overlap changes
+    ends = p.overlap_slope * (overlap - p.overlap)
+    bounded = varies & (p.centre_slope == 0.5) & (overlap != p.overlap + change)
+    followed = np.where(bounded, ends, moved)
     changes = (p.overlap > 0.0) & p.on & ((p.overlap_slope != 0.0) | (p.centre_slope != 0.0))
     share = (p.overlap + np.abs(p.overlap_slope) * terms) / np.where(changes, overlap, 1.0)
     return dataclasses.replace(
         p,
         overlap=np.where(changes, overlap, p.overlap),
         overlap_size=np.where(changes, np.maximum(share, 1.0), 1.0),
-        centre=np.where(changes, p.centre_slope * moved, 0.0),
+        centre=np.where(changes, p.centre_slope * followed, 0.0),
         centre_size=np.where(changes, p.centre_slope * terms, 0.0),
     )
 
 
 def coefficient(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(..., n) coefficient mu at slip rate |s| (m/s) and contact force FN (N)."""
+    """(..., n) coefficient mu at slip rate |s| (m/s), contact force FN (N); mean of directions."""
     with np.errstate(under="ignore"):
         mu = p.kinetic + (p.static - p.kinetic) * np.exp(-p.decay * rate)
     for number in np.unique(p.table[p.table >= 0]):
@@ -101,6 +110,15 @@ def _interval(axis: Array, x: Array) -> tuple[NDArray[np.intp], Array]:
     return i, (x - axis[i]) / (axis[i + 1] - axis[i])
 
 
-def limit(p: Parameters, tables: Sequence[Table], rate: Array, normal: Array) -> Array:
-    """(..., n) friction limit min(cap, mu FN), N."""
-    return np.minimum(p.cap, coefficient(p, tables, rate, normal) * normal)
+def along(vector: Array) -> Array:
+    """(..., n) cosine between (..., n, 2) slip velocities, or forces, and a positive slide."""
+    size = np.hypot(vector[..., 0], vector[..., 1])
+    return np.asarray(vector[..., 0] / np.where(size > 0.0, size, 1.0))
+
+
+def limit(
+    p: Parameters, tables: Sequence[Table], rate: Array, normal: Array, cosine: Array
+) -> Array:
+    """(..., n) friction limit min(cap, mu FN), N; cosine: of the slip direction."""
+    mu = coefficient(p, tables, rate, normal) * (1.0 + p.direction * cosine)
+    return np.minimum(p.cap, mu * normal)

@@ -75,7 +75,11 @@ class Parameters(Rows):
     centre: Array  # of a checked sample: middle of the contact before node b
     overlap_size: Array  # terms of the overlap over the overlap, 1 or more
     centre_size: Array
-    preload: Array
+    preload: Array  # 0 if it does not press
+    radial: Bools  # whether the radial force presses
+    bends: Bools  # whether the bending moment presses
+    direction: Array  # difference of mu of positive and negative slide over their sum
+    offset: Array  # (n, 2) force, moment that resist a positive slide, spin
     table: Array  # (n,) index into the tables; -1: none
     explicit: Bools  # semi-implicit plant
     held_in_body: Bools
@@ -98,6 +102,12 @@ class Parameters(Rows):
         """(n,) whether a stop, lock or imposed motion can hold slide or spin."""
         stops = np.isfinite(self.stops).any(axis=(1, 2))
         return np.asarray(stops | (self.lock >= 0) | self.imposed.any(axis=1))
+
+    @property
+    def imposed_force(self) -> Array:
+        """(n, 2) commanded force and moment, less the constant ones that resist."""
+        given = self.command[:, :, 2]
+        return np.asarray(np.where(np.isnan(given), 0.0, given) - self.offset)
 
     @property
     def imposed(self) -> Bools:
@@ -145,7 +155,7 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         stiffness=_column([(s.elasticity.k1, s.elasticity.kr1) for s in scenes]),
         damping=_column([(s.damping.c1, s.damping.cr1) for s in scenes]),
         on=np.array([f.on for f in friction]),
-        kinetic=_column([f.coefficient for f in friction]),
+        kinetic=_column([0.5 * sum(_both(f)) for f in friction]),
         static=_column([_static(f) for f in friction]),
         decay=_column([f.decay for f in friction]),
         cap=_column([f.max_force for f in friction]),
@@ -159,7 +169,11 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         centre=np.zeros(len(scenes)),
         overlap_size=np.ones(len(scenes)),
         centre_size=np.zeros(len(scenes)),
-        preload=_column([f.preload for f in friction]),
+        preload=_column([f.preload if "preload" in f.inputs else 0.0 for f in friction]),
+        radial=np.array(["radial" in f.inputs for f in friction]),
+        bends=np.array(["bending" in f.inputs for f in friction]),
+        direction=_column([_direction(*_both(f)) for f in friction]),
+        offset=_column([(f.offset_force, 0.0) for f in friction]),
         table=np.where(has_table, np.cumsum(has_table) - 1, -1),
         explicit=np.array([s.plant_integration == "semi_implicit" for s in scenes]),
         held_in_body=np.array([s.wrench.hold == "body" for s in scenes]),
@@ -207,7 +221,7 @@ def _gains(scene: Scene) -> tuple[float, ...]:
     share = swing / given.stiffness if given.stiffness > 0.0 else math.nan
     swing_damping = _or(given.rotational_damping, given.damping * share)
     stick = given.stiffness
-    greatest = max(friction.coefficient, _or(friction.static_coefficient, 0.0))
+    greatest = max(0.5 * sum(_both(friction)), _or(friction.static_coefficient, 0.0))
     if friction.preload != 0.0 and greatest > 0.0 and not math.isnan(given.elastic_slip):
         stick = greatest * abs(friction.preload) / given.elastic_slip
     stick = _or(given.stick_stiffness, stick)
@@ -238,9 +252,22 @@ def _column(values: Sequence[object]) -> Array:
     return np.array(values, dtype=np.float64)
 
 
+def _both(friction: Friction) -> tuple[float, float]:
+    """Kinetic coefficients of a positive and of a negative slide."""
+    given, forward, backward = (
+        friction.coefficient,
+        friction.coefficient_forward,
+        friction.coefficient_backward,
+    )
+    return _or(forward, given), _or(backward, given)
+
+
+def _direction(forward: float, backward: float) -> float:
+    return (forward - backward) / (forward + backward) if forward != backward else 0.0
+
+
 def _static(friction: Friction) -> float:
-    static = friction.static_coefficient
-    return friction.coefficient if math.isnan(static) else static
+    return _or(friction.static_coefficient, 0.5 * sum(_both(friction)))
 
 
 def _bodies(bodies: Sequence[Body], nodes: Sequence[tuple[float, ...]]) -> Bodies:

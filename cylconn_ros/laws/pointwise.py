@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.friction import at_contact, contact, limit
+from cylconn_ros.laws.friction import along, at_contact, contact, limit
 from cylconn_ros.laws.normalised import ratio, worst
 from cylconn_ros.laws.parameters import Bodies, Parameters, parameters_of, tables_of, world
 from cylconn_ros.laws.sample_state import Motion, motion
@@ -49,9 +49,10 @@ def _friction(p: Parameters, scene: Scene, found: Solution) -> dict[str, Array]:
     radial, _, bending, normal = contact(p, force, moment)
     terms = radial + bending + np.abs(p.preload)
     rate, traction = rigid.norm(s), rigid.norm(phi)
-    greatest = limit(p, tables, rate, normal)
-    size = np.maximum(greatest, limit(p, tables, rate, terms))
     slips, sticks = found.regime == layout.SLIP, found.regime == layout.STICK
+    cosine = along(np.where(slips[:, None], s, -phi))
+    greatest = limit(p, tables, rate, normal, cosine)
+    size = np.maximum(greatest, limit(p, tables, rate, terms, cosine))
     over = np.where(slips, traction - greatest, np.maximum(traction - greatest, 0.0))
     rows = rate[:, None] * phi + greatest[:, None] * s
     sizes = rate[:, None] * (np.abs(phi) + traction[:, None]) + (size * rate)[:, None]

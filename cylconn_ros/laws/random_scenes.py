@@ -97,6 +97,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         _bound(more, values, weight, reach)
     if values["friction"].get("overlap", 0.0) > LEAST_CHANGING_OVERLAP:
         values["friction"] |= _overlap(generator(seed, number, 2), values["friction"]["overlap"])
+    _details(generator(seed, number, 3), values, weight)
     return Scene.from_parameters(values)
 
 
@@ -282,6 +283,28 @@ def _friction(rng: Random, kind: str, weight: float, arm: float) -> dict[str, An
     if rng.random() < 0.2:
         values["max_force"] = float(weight * decades(rng, -2.0, 3.0))
     return values
+
+
+def _details(rng: Random, values: dict[str, Any], weight: float) -> None:
+    """Friction by direction, an offset force, and parts of FN left out, in a few scenes each."""
+    friction = values["friction"]
+    if not friction:
+        return
+    if rng.random() < 0.2 and "coefficient" in friction:
+        difference = float(rng.choice([-1.0, 1.0]) * rng.choice([rng.random(), 1.0], p=[0.9, 0.1]))
+        mean = friction.pop("coefficient")
+        friction["coefficient_forward"] = mean * (1.0 + difference)
+        friction["coefficient_backward"] = mean * (1.0 - difference)
+        if "static_coefficient" in friction:  # the sum rounds
+            friction["static_coefficient"] *= 1.0 + 1e-12
+    if rng.random() < 0.1:
+        friction["offset_force"] = float(rng.normal() * weight * decades(rng, -2.0, 1.0))
+    if rng.random() < 0.1:
+        inputs = rng.permutation(["radial", "bending", "preload"])
+        inputs = inputs[: int(rng.integers(1, 3))].tolist()
+        presses = {"radial": True, "bending": friction["overlap"], "preload": friction["preload"]}
+        if any(presses[each] for each in inputs):  # else there is no friction
+            friction["inputs"] = inputs
 
 
 def _overlap(rng: Random, overlap: float) -> dict[str, Any]:

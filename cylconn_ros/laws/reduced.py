@@ -55,7 +55,7 @@ def problem_of(
     e = 0.25 * p.stiffness * h + 0.5 * p.damping
     push = -p.stiffness * (u + 0.25 * h * o.w[:, FREE])
     push -= 0.5 * p.damping * o.w[:, FREE]
-    push += np.where(np.isnan(p.command[:, :, 2]), 0.0, p.command[:, :, 2])
+    push += p.imposed_force
     none = np.zeros((n, 2))
     held = none > 0.0 if held is None else held
     rates = none if rates is None else np.where(held, rates, 0.0)

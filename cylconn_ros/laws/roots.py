@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.friction import contact, limit
+from cylconn_ros.laws.friction import along, contact, limit
 from cylconn_ros.laws.parameters import Bools, Rows, Table
 from cylconn_ros.laws.reduced import Problem
 
@@ -57,7 +57,7 @@ class Curve(Rows):
         q, p = self.problem, self.problem.parameters
         phi = self.phi(r)
         size = rigid.norm(phi)
-        found = limit(p, tables, r * size, contact_at(q, phi)) / size - 1.0
+        found = limit(p, tables, r * size, contact_at(q, phi), along(-phi)) / size - 1.0
         return np.asarray(np.where(self.unbounded & (r == 0.0), -1.0, found))
 
     def gaps(self, tables: Sequence[Table], r: Array) -> Array:
@@ -127,7 +127,8 @@ def last_root(c: Curve, tables: Sequence[Table]) -> Array:
     lesser, _ = c.ends
     slow = np.min(np.where(c.along != 0.0, np.abs(c.along), np.inf), axis=1)
     base = contact_at(c.problem, np.zeros_like(c.along))
-    resting = np.maximum(limit(c.problem.parameters, tables, slow, base), 1e-300)
+    p = c.problem.parameters
+    resting = np.maximum(limit(p, tables, slow, base, np.sign(p.direction)), 1e-300)
     far, beyond_all = slow / resting, rigid.norm(c.along) / resting
     high = np.log(np.where(c.unbounded, 1e-16 * far, 1e-13 * lesser))
     top = np.log(1e4 * np.maximum(beyond_all, c.ends[1]))
@@ -228,6 +229,12 @@ def _reaction_rounding(q: Problem, phi: Array) -> Array:
     return np.asarray((terms[0] + terms[2]) / np.maximum(normal[3], 1e-300))
 
 
+def _share_rounding(q: Problem, phi: Array) -> Array:
+    """(n,) terms of the share of direction 1 + d c, relative to it; infinite where it is 0."""
+    d = q.parameters.direction
+    return np.asarray(np.abs(d) / np.maximum(1.0 + d * along(-phi), 1e-300))
+
+
 def _rounding_of_phi(q: Problem, c: Curve, phi: Array) -> Array:
     """(n,) change of phi by the rounding of s_free, N."""
     traction = rigid.norm(phi)
@@ -273,7 +280,9 @@ def select_solution(q: Problem, tables: Sequence[Table]) -> Selected:
 
     no_root = full.unbounded & (r1 == 0.0) | half.unbounded & (r2 == 0.0) & may_turn
     least = AMBIGUOUS + 1e-15 * (
-        q.condition * _cancellation(q, found) + _reaction_rounding(q, found)
+        q.condition * _cancellation(q, found)
+        + _reaction_rounding(q, found)
+        + _share_rounding(q, found)
     )
     ambiguous = np.minimum(np.abs(margin), np.minimum(margin_full, margin_half)) < least
     ambiguous |= (

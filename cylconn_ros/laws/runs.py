@@ -326,7 +326,7 @@ def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
     state = run.state
     if not len(state):
         raise RecordingError(f"{run.path}: no state was recorded")
-    outputs = _outputs(run, state)
+    outputs = _outputs(run, state, scene)
     samples, outs, periods, since, begins, stamps = [], [], [], [], [], []
     known, skipped = False, 0
     exchanged = 0.0
@@ -380,13 +380,18 @@ def sample_keys(stamps: NDArray[np.int64]) -> list[Key]:
     return list(zip(histories.tolist(), stamps.tolist(), strict=True))
 
 
-def _outputs(run: Run, state: Table) -> dict[Key, Array]:
-    """The output array (NOUT,) of each recorded state, with its wrenches."""
+def _outputs(run: Run, state: Table, scene: Scene) -> dict[Key, Array]:
+    """The output array (NOUT,) of each recorded state, with its wrenches.
+
+    States from before the fields of overlap and contact have the scene's overlap, its middle at b.
+    """
     n = len(state)
     out = np.zeros((n, layout.NOUT))
+    out[:, layout.OVERLAP] = scene.friction.overlap
     for name, width in layout.STATE_FIELDS:
         at = layout.STATE_INDEX[name]
-        out[:, at : at + width] = np.asarray(state[name]).reshape(n, width)
+        if name in state.columns or name not in ("overlap", "contact_centre"):
+            out[:, at : at + width] = np.asarray(state[name]).reshape(n, width)
     for name, at in _ENUMS.items():
         out[:, at] = state[name]
     rows = {key: row for row, key in enumerate(sample_keys(state.stamp))}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.friction import coefficient, contact, limit, slopes
+from cylconn_ros.laws.friction import along, coefficient, contact, limit, slopes
 from cylconn_ros.laws.normalised import TOLERANCE, Block, ratio, worst
 from cylconn_ros.laws.parameters import Bools, Parameters, Rows
 from cylconn_ros.laws.sample_state import SampleState
@@ -134,7 +134,7 @@ def reported_friction(block: Block, reactions: Array) -> ReportedFriction:
 def _slipping(block: Block, f: ReportedFriction, mean: Array, size: Array) -> _SlipResiduals:
     """Residuals of |s~| phi + r s~ = 0, |phi| = r and phi.s~ <= 0, for s~ (n, 2) and its size."""
     rate = rigid.norm(mean)
-    greatest = limit(block.parameters, block.tables, rate, f.normal)
+    greatest = limit(block.parameters, block.tables, rate, f.normal, along(mean))
     greatest_size = limit_size(block, f, rate, rigid.norm(size))
     rows = rate[:, None] * f.phi + greatest[:, None] * mean
     # the disc is isotropic: a component is compared with the length of its vector
@@ -151,16 +151,22 @@ def _slipping(block: Block, f: ReportedFriction, mean: Array, size: Array) -> _S
 def _stick_limit(block: Block, f: ReportedFriction) -> Array:
     """Residual (n,) of |phi| <= limit at rest, for stick."""
     rest = np.zeros_like(f.normal)
-    over = np.maximum(f.traction - limit(block.parameters, block.tables, rest, f.normal), 0.0)
+    cosine = along(-f.phi)
+    greatest = limit(block.parameters, block.tables, rest, f.normal, cosine)
+    over = np.maximum(f.traction - greatest, 0.0)
     return ratio(over, limit_size(block, f, rest, rest))
 
 
 def limit_size(block: Block, f: ReportedFriction, rate: Array, rate_size: Array) -> Array:
-    """(n,) size of the limit mu FN, from the sizes of FN and, if mu depends on it, of |s~|."""
+    """(n,) size of the limit mu FN, from the sizes of FN and, if mu depends on it, of s~."""
     p, tables = block.parameters, block.tables
     by_rate, by_force = slopes(p, tables)
     mu = coefficient(p, tables, rate, f.normal)
-    return (mu + by_force * f.normal) * f.normal_size + by_rate * rate_size * f.normal
+    # the direction of a slip that is the rest of larger terms is uncertain
+    uncertain = rate_size / np.maximum(rate, np.where(rate_size > 0.0, 1e-16 * rate_size, 1.0))
+    by_direction = np.abs(p.direction) * mu * (1.0 + uncertain)
+    size = (mu + by_force * f.normal) * f.normal_size
+    return np.asarray(size + (by_rate * rate_size + by_direction) * f.normal)
 
 
 def _turned_too_far(slip: SlipVelocities) -> Array:

@@ -23,7 +23,7 @@ import math
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delassus import in_swing_axes, of_body, sum_of_bodies
 from cylconn_ros.core.delay import feedback_gain
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, coefficient, contact, limit, share_of
 from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.joint_limits import imposed_force
 from cylconn_ros.core.kinematics import Frame, Twist, into_swung
@@ -185,14 +185,14 @@ def _friction(
         a11, a12, a22 = r.a[0], radius * r.a[1], radius * radius * r.a[2]
         most = rate / (h * (along * (a11 * along + 2.0 * a12 * around) + around * a22 * around))
         share = rate / math.sqrt(rate * rate + v0 * v0)
-        traction, jammed, residual = least_traction(law, par, base, by, share, rate, most)
+        traction, jammed, residual = least_traction(law, par, base, by, share, rate, along, most)
         flags = layout.JAMMED if jammed else 0
     pressed = contact(law, reactions_at(base, by, traction) if rate > 0.0 else base)
     holds = rate <= v0 or traction >= most
     out[layout.REGIME] = layout.STICK if holds else layout.SLIP
     mem[model.STICK_SAMPLES] = mem[model.STICK_SAMPLES] + 1.0 if holds else 0.0
     mem[model.ACCUMULATED_SLIP] += rate * h
-    mu = coefficient(law, par, rate, pressed.normal)
-    greatest = limit(law, par, rate, pressed.normal)
+    mu = coefficient(law, par, rate, pressed.normal) * share_of(law, along)
+    greatest = limit(law, par, rate, pressed.normal, along)
     write_contact(out, pressed, mu, greatest, traction)
     return (-traction * along, -traction * around * radius), flags, residual

@@ -18,7 +18,7 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, coefficient, contact, cosine, limit, share_of
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import frame, into_swung
 from cylconn_ros.core.output_wrenches import write_contact, write_forces
@@ -157,7 +157,8 @@ def _write_state(
     wr = 0.5 * (out[layout.ANGULAR_VELOCITY] + rates[1])
     out[layout.FORCE_ELASTIC], out[layout.MOMENT_ELASTIC] = -par[at] * u1, -par[at + 1] * ur
     out[layout.FORCE_VISCOUS], out[layout.MOMENT_VISCOUS] = -par[at + 2] * w1, -par[at + 3] * wr
-    p = force[0] - out[layout.FORCE_ELASTIC] - out[layout.FORCE_VISCOUS]
+    out[layout.FORCE_ACTUATION] = -par[model.OFFSET]
+    p = force[0] - out[layout.FORCE_ELASTIC] - out[layout.FORCE_VISCOUS] + par[model.OFFSET]
     q = moment[0] - out[layout.MOMENT_ELASTIC] - out[layout.MOMENT_VISCOUS]
     out[layout.FORCE_FRICTION], out[layout.MOMENT_FRICTION] = p, q
     stop = 0
@@ -178,9 +179,12 @@ def _write_state(
     mu = traction / pressed.normal if pressed.normal > 0.0 else 0.0
     greatest = 0.0
     if law.on:
-        greatest = limit(law, par, rate if regime == layout.SLIP else 0.0, pressed.normal)
-        if regime == layout.STICK:
-            mu = coefficient(law, par, 0.0, pressed.normal)
+        if regime == layout.SLIP:
+            greatest = limit(law, par, rate, pressed.normal, w1 / rate)
+        else:
+            c = cosine(law, (p, q / radius))
+            greatest = limit(law, par, 0.0, pressed.normal, c)
+            mu = coefficient(law, par, 0.0, pressed.normal) * share_of(law, c)
     write_contact(out, pressed, mu, greatest, traction)
     if regime == layout.SLIP:
         mem[model.ACCUMULATED_SLIP] += rate * dt

@@ -24,7 +24,7 @@ import math
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import adapts_gains, feedback_gain
-from cylconn_ros.core.friction import Array, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, coefficient, contact, cosine, limit, share_of
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import (
     advance_imposed_motion,
@@ -256,11 +256,12 @@ def _friction(
     d2 = mem[model.ELASTIC_SLIP + 1] + last * s2
     p, q = -ks * d1 - cs * s1, -ks * d2 - cs * s2
     size = math.sqrt(p * p + q * q)
-    greatest = limit(law, par, 0.0, pressed.normal)
+    c = cosine(law, (p, q))
+    greatest = limit(law, par, 0.0, pressed.normal, c)
     regime = layout.STICK
     if size > greatest:
         regime = layout.SLIP
-        greatest = limit(law, par, rate, pressed.normal)
+        greatest = limit(law, par, rate, pressed.normal, c)
         back = greatest / size
         p, q = back * p, back * q
         d1, d2 = -p / ks, -q / ks
@@ -268,5 +269,6 @@ def _friction(
     mem[model.ELASTIC_SLIP], mem[model.ELASTIC_SLIP + 1] = d1, d2
     mem[model.STICK_SAMPLES] = mem[model.STICK_SAMPLES] + 1.0 if regime == layout.STICK else 0.0
     mu = coefficient(law, par, rate if regime == layout.SLIP else 0.0, pressed.normal)
+    mu *= share_of(law, c)
     write_contact(out, pressed, mu, greatest, math.sqrt(p * p + q * q))
     return (p, law.radius * q), regime

@@ -123,3 +123,30 @@ def linear_coefficient(
     """Stop time (s) and distance (m) of a coast with mu = mu0 + b |s|: v' = -g (mu0 + b v)."""
     time = math.log(1.0 + slope * v0 / at_rest) / (gravity * slope)
     return time, v0 / (gravity * slope) - at_rest / slope * time
+
+
+def telescope(mu: float, arm: float, overlap: float, gravity: float, v0: float) -> float:
+    """Distance (m) that a tube thrown outwards slides, its mass centre ``arm`` below the axis.
+
+    As :func:`near_jam` with an overlap L0 - u: v^2/2 = v0^2/2 - mu g [u + Lj ln((L0 - Lj)/(L0 - u -
+    Lj))], Lj = 2 mu arm. It stops before the overlap Lj, at which it jams; found by bisection.
+    """
+    jam = 2.0 * mu * arm
+    low, high = 0.0, overlap - jam
+    for _ in range(200):
+        u = 0.5 * (low + high)
+        work = mu * gravity * (u + jam * math.log((overlap - jam) / (overlap - jam - u)))
+        low, high = (u, high) if work < 0.5 * v0 * v0 else (low, u)
+    return 0.5 * (low + high)
+
+
+def piston_rod(
+    mu: float, overlap: float, mass: float, gravity: float, pull: float, start: float
+) -> tuple[float, float]:
+    """Stop time (s) and distance (m) of a rod pulled from its gland, whose middle is at slide 0.
+
+    The weight at the rod's end bends it at the gland: m l'' = F - mu m g (1 + 2 l/L), a harmonic
+    motion about l_e = (F/(mu m g) - 1) L/2 with the square of its rate 2 mu g/L.
+    """
+    middle = 0.5 * overlap * (pull / (mu * mass * gravity) - 1.0)
+    return math.pi / math.sqrt(2.0 * mu * gravity / overlap), 2.0 * (middle - start)

@@ -11,7 +11,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Mapping, Sequence
 
-from cylconn_ros.reference import answers
+from cylconn_ros.reference import answers, sleeve_answers
 from cylconn_ros.reference.answers import Expected
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import Run
@@ -55,6 +55,7 @@ class Comparison:
 
 
 CLOSED = "closed form"
+INTEGRATED = "sleeve on a fixed shaft, DOP853 with events (reference/moving_contact.py)"
 LIBRARY: dict[str, Case] = {
     "demo": Case(
         "An unbalanced sleeve slides and spins down an incline until friction stops it",
@@ -189,6 +190,34 @@ LIBRARY: dict[str, Case] = {
         "The slide locks when it passes the lock position",
         f"{CLOSED}: constant speed",
         answers.latch,
+    ),
+    "drawer_binds": Case(
+        "A drawer pulled beside its rail binds as its overlap shrinks",
+        INTEGRATED,
+        sleeve_answers.slides_to_rest,
+    ),
+    "telescope_binds": Case(
+        "A telescope with an eccentric mass stops nearly out, where it is about to jam",
+        f"{CLOSED}: v0^2/2 = mu g (u + Lj ln((L0 - Lj)/(L - Lj))), Lj = 2 mu d",
+        sleeve_answers.telescope_binds,
+    ),
+    "telescope_pushed_in": Case(
+        "The telescope nearly out is pushed in and frees", INTEGRATED, sleeve_answers.slides_on
+    ),
+    "piston_rod": Case(
+        "A piston rod whose weight moves away from its gland",
+        f"{CLOSED}: harmonic, m l'' = F - mu m g (1 + 2 l/L)",
+        sleeve_answers.piston_rod,
+    ),
+    "sledge": Case(
+        "A sledge up and down a slope, its friction by direction",
+        f"{CLOSED}: a = g (sin b + mu cos b) up, g (sin b - mu cos b) down",
+        sleeve_answers.sledge,
+    ),
+    "hydraulic_ram": Case(
+        "A ram against seals: friction by direction that ignores the load, and an offset force",
+        f"{CLOSED}: a = (F - offset - mu FCint)/m",
+        sleeve_answers.hydraulic_ram,
     ),
 }
 """All scene files of config/ except connector.yaml, which is an example of all parameters."""

@@ -100,6 +100,8 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> RunData
     stamp = stamp[rows]
     radius = _number(run, "friction.radius")
     preload = math.nan if preload_topic(run) else _number(run, "friction.preload")
+    # of recordings from before these fields, when they could not change
+    unrecorded = {"overlap": _number(run, "friction.overlap", 0.0), "contact_centre": 0.0}
 
     def read_states(fields: Collection[str] | None = None) -> Iterator[States]:
         at = 0
@@ -109,6 +111,9 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> RunData
             at += len(block)
             if len(inside):
                 columns = {n: v[inside] for n, v in block.columns.items() if v.dtype != object}
+                for name, value in unrecorded.items():
+                    if fields is None or name in fields:
+                        columns.setdefault(name, np.full(len(inside), value))
                 yield States(columns, radius, preload)
 
     def geometry_at(which: Array) -> Geometry:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -133,6 +133,16 @@ PANELS = (
         zero=True,
     ),
     Panel(
+        "contact",
+        "Overlap and middle of the contact",
+        "m",
+        (
+            Curve("overlap L", "blue", _field("overlap")),
+            Curve("middle from node b", "orange", _field("contact_centre")),
+        ),
+        zero=True,
+    ),
+    Panel(
         "friction",
         "Friction and friction limit",
         "N",
@@ -215,7 +225,7 @@ def visible_panels(
     radius: float,
     has_data: Callable[[Curve], bool],
     is_zero: Callable[[Curve, float], bool],
-    constant: bool,
+    constant: Collection[str],
 ) -> tuple[list[Panel], list[str]]:
     """Return the panels with their non-zero curves, and the titles of the panels that are all zero.
 
@@ -224,15 +234,15 @@ def visible_panels(
         has_data: whether a curve has finite values and is to be drawn beside others.
         is_zero: whether a curve is within a magnitude throughout; a panel of such curves is
             omitted. On logarithmic scales that is 0, else ROUNDING.
-        constant: whether the friction coefficient is constant; its panel is then omitted.
+        constant: panels of values that are constant: they are among the parameters, and omitted.
     """
     panels, empty = [], []
     for panel in PANELS:
         if panel.key == ("rate" if math.isfinite(radius) else ""):
             continue  # the slip velocity shows the spin
         curves = tuple(curve for curve in panel.curves if has_data(curve))
-        if panel.key == "coefficient" and constant:
-            continue  # it is among the parameters
+        if panel.key in constant:
+            continue
         if panel.key == "speed" and len(curves) == 1:
             panel = replace(panel, title="Velocity along the slot")
         least = 0.0 if panel.log else ROUNDING

@@ -34,6 +34,13 @@ EVENTS = {
 """Names of the bits of ConnectorState, lowest first; for regime and status, of their values."""
 
 
+_CONSTANTS = {
+    "coefficient": ("friction_coefficient",),
+    "contact": ("overlap", "contact_centre"),
+}
+"""Panels that are omitted if their fields are constant: they are among the parameters."""
+
+
 class Packer:
     """Concatenates arrays to bytes, and returns the place of each."""
 
@@ -124,7 +131,9 @@ class _Reduction:
         self.plane = np.empty((4, count))
         self.not_finite: set[str] = set()
         self._at = 0
-        self._coefficient = (math.inf, -math.inf)
+        self._range = {
+            name: (math.inf, -math.inf) for names in _CONSTANTS.values() for name in names
+        }
 
     def add(self, states: States) -> None:
         """Add the next states."""
@@ -135,18 +144,22 @@ class _Reduction:
             self.events[name].add(bits)
         self.plane[:, self._at : self._at + count] = plane(states)
         self.not_finite |= {n for n, v in states.fields.items() if not np.isfinite(v).all()}
-        mu = states("friction_coefficient")[states("status") == 0.0]
-        mu = mu[np.isfinite(mu)]
-        if len(mu):
-            low, high = self._coefficient
-            self._coefficient = min(low, float(mu.min())), max(high, float(mu.max()))
+        solved = states("status") == 0.0
+        for name, (low, high) in self._range.items():
+            values = states(name)[solved]
+            values = values[np.isfinite(values)]
+            if len(values):
+                self._range[name] = min(low, float(values.min())), max(high, float(values.max()))
         self._at += count
 
     @property
-    def constant(self) -> bool:
-        """Whether the friction coefficient is constant, except in refused samples."""
-        low, high = self._coefficient
-        return low > high or high - low <= 1e-9 * max(abs(low), abs(high))
+    def constant(self) -> set[str]:
+        """Panels whose values are constant, except in refused samples."""
+        return {
+            key
+            for key, names in _CONSTANTS.items()
+            if all(_is_constant(*self._range[name]) for name in names)
+        }
 
     def has_data(self, curve: Curve) -> bool:
         """Return whether a curve has finite values and is to be drawn."""
@@ -158,6 +171,10 @@ class _Reduction:
         found = self.curves[curve, curve.reading is not None]
         finite = np.isfinite(found.low)
         return bool(((found.low[finite] >= -least) & (found.high[finite] <= least)).all())
+
+
+def _is_constant(low: float, high: float) -> bool:
+    return low > high or high - low <= 1e-9 * max(abs(low), abs(high))
 
 
 def _panel(packer: Packer, panel: Panel, reduced: _Reduction, whole: bool) -> dict[str, Any]:
@@ -213,7 +230,7 @@ def plane(states: States) -> list[Array]:
 
 _PATH = (
     "force_friction", "moment_friction", "displacement", "rotation", "friction_limit", "length",
-    "offset", "angle", "regime", "force",
+    "offset", "angle", "regime", "force", "overlap", "contact_centre",
 )  # fmt: skip
 
 
@@ -236,6 +253,8 @@ def _path(packer: Packer, found: RunData, rows: Array, geometry: Geometry) -> di
             "angle": np.remainder(states("angle"), 2.0 * np.pi),
             "regime": np.asarray(states.fields["regime"]),
             "force": np.asarray(states.fields["force"], float),
+            "overlap": np.where(states("overlap") > 0.0, states("overlap"), geometry.overlap),
+            "middle": states("contact_centre"),
         }
         taken.append({name: values[which] for name, values in columns.items()})
     joined = {name: np.concatenate([part[name] for part in taken]) for name in taken[0]}

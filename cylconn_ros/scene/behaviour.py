@@ -14,6 +14,7 @@ from cylconn_ros.scene.schema import group, parameter
 
 NAN = math.nan
 INF = math.inf
+INPUTS = ("radial", "bending", "preload")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,7 +74,8 @@ class Friction:
         "auto",
         choices=("auto", "body_b", "body_a", "between"),
         doc="What carries the middle of the contact: the bearing of body_b or body_a; between: it "
-        "moves with half the slide. auto: body_b if the overlap is constant, else between.",
+        "moves with half the slide, as long as the overlap changes if it does. auto: body_b if "
+        "the overlap is constant, else between.",
     )
     preload: float = parameter(
         0.0, unit="N", doc="Self-equilibrated contact force FCint (press fit), of either sign."
@@ -85,6 +87,26 @@ class Friction:
         0.0, ge=0.0, unit="s/m", doc="Stribeck decay dc of mu = mu_k + (mu_s - mu_k) exp(-dc |s|)."
     )
     max_force: float = parameter(INF, ge=0.0, unit="N", doc="Cap on the friction traction P.")
+    coefficient_forward: float = parameter(
+        NAN,
+        ge=0.0,
+        unit="1",
+        doc="Coefficient of a positive slide; .nan: coefficient. In other directions of slip: "
+        "between forward and backward by the cosine of the direction.",
+    )
+    coefficient_backward: float = parameter(
+        NAN, ge=0.0, unit="1", doc="Coefficient of a negative slide; .nan: coefficient."
+    )
+    offset_force: float = parameter(
+        0.0,
+        unit="N",
+        doc="Constant force (seals, cables) that resists a positive slide; part of the actuation.",
+    )
+    inputs: tuple[str, ...] = parameter(
+        INPUTS,
+        choices=INPUTS,
+        doc="What presses shaft and sleeve together in FN. [preload]: friction ignores the load.",
+    )
     rest_rate: float = parameter(
         1e-3, ge=0.0, unit="m/s", doc="Method observe: a slip rate below this counts as stick."
     )
@@ -94,7 +116,30 @@ class Friction:
     def on(self) -> bool:
         """Whether the scene has friction."""
         static = self.static_coefficient > 0.0  # False for NaN
-        return self.coefficient > 0.0 or static or self.table is not None
+        return self.mean_coefficient > 0.0 or static or self.table is not None
+
+    @property
+    def by_direction(self) -> tuple[float, float]:
+        """Coefficients of a positive and of a negative slide, without a table."""
+        given = self.coefficient_forward, self.coefficient_backward
+        forward, backward = (self.coefficient if math.isnan(mu) else mu for mu in given)
+        return forward, backward
+
+    @property
+    def mean_coefficient(self) -> float:
+        """Kinetic coefficient, the mean of both directions of slide; 0 with a table."""
+        forward, backward = self.by_direction
+        return forward if forward == backward else 0.5 * (forward + backward)
+
+    @property
+    def direction(self) -> float:
+        """Half of the difference of the coefficients of both directions, over their mean."""
+        forward, backward = self.by_direction
+        return 0.0 if forward == backward else (forward - backward) / (forward + backward)
+
+    def presses(self, kind: str) -> bool:
+        """Whether ``radial``, ``bending`` or ``preload`` is in the normal force."""
+        return kind in self.inputs
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -114,7 +114,7 @@ def _yaml(value: Any) -> str:
 def _kind(parameter: Parameter) -> str:
     if parameter.kind == "vector":
         return "floats" if parameter.size is None else f"{parameter.size} floats"
-    return {"str": "string"}.get(parameter.kind, parameter.kind)
+    return {"str": "string", "words": "strings"}.get(parameter.kind, parameter.kind)
 
 
 def _default(parameter: Parameter) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import friction, model
+from cylconn_ros.core.overlap import SLOPES
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Body, Friction, Node, Scene
@@ -60,6 +61,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
     par[model.FRICTION : model.FRICTION + friction.SIZE] = friction.pack(law)
     par[model.OVERLAP : model.OVERLAP + 6] = _overlap(scene.friction)
+    par[model.OFFSET] = scene.friction.offset_force
     elasticity, damping = scene.elasticity, scene.damping
     par[model.ELASTICITY : model.ELASTICITY + 4] = (
         elasticity.k1,
@@ -158,13 +160,15 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
     table = given.table
     law = friction.make_law(
         on=given.on,
-        coefficient=given.coefficient,
+        coefficient=given.mean_coefficient,
         static_coefficient=given.static_coefficient,
         decay=given.decay,
         cap=given.max_force,
         radius=given.radius,
-        overlap=given.overlap,
-        preload=given.preload,
+        overlap=given.overlap if given.presses("bending") else 0.0,
+        preload=given.preload if given.presses("preload") else 0.0,
+        radial=given.presses("radial"),
+        direction=given.direction,
         table=None if table is None else friction.Table(table.rates, table.forces, table.values),
     )
     return law, [] if table is None else [*table.rates, *table.forces, *table.values]
@@ -172,14 +176,17 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
 
 def _overlap(given: Friction) -> list[float]:
     """How overlap and middle of the contact change with the slide; core/overlap.py."""
-    sigma = {"constant": 0.0, "increasing": 1.0, "decreasing": -1.0}[given.overlap_change]
+    sigma = SLOPES[given.overlap_change]
     auto = "body_b" if sigma == 0.0 else "between"
     centre = auto if given.contact_centre == "auto" else given.contact_centre
     kappa = {"body_b": 0.0, "body_a": 1.0, "between": 0.5}[centre]
     bends = given.on and given.overlap > 0.0  # else neither matters
+    least, most = given.overlap_min, given.overlap_max
+    if sigma == 0.0:  # they are bounds of one that changes
+        least, most = 0.0, math.inf
     return [
         sigma if bends else 0.0, kappa if bends else 0.0, given.overlap_at, given.overlap,
-        given.overlap_min, given.overlap_max,
+        least, most,
     ]  # fmt: skip
 
 
@@ -209,7 +216,7 @@ def _penalty(scene: Scene, method: str) -> list[float]:
         stick = gains.stiffness
         allowed = gains.elastic_slip
         if not math.isnan(allowed) and given.preload != 0.0:
-            greatest = max(given.coefficient, np.nan_to_num(given.static_coefficient))
+            greatest = max(given.mean_coefficient, np.nan_to_num(given.static_coefficient))
             stick = greatest * abs(given.preload) / allowed or stick
     stick_damping = gains.damping * stick / gains.stiffness
     # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the

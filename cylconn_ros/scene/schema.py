@@ -19,9 +19,12 @@ import numpy as np
 
 from cylconn_ros.errors import SceneError
 
-Value = bool | int | float | str | tuple[float, ...]
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
-_KINDS = {bool: "bool", int: "int", float: "float", str: "str", tuple[float, ...]: "vector"}
+_KINDS = {
+    bool: "bool", int: "int", float: "float", str: "str",
+    tuple[float, ...]: "vector", tuple[str, ...]: "words",
+}  # fmt: skip
 _REQUIRED = object()
 _SEQUENCES = (Sequence, array.array, np.ndarray)
 
@@ -31,7 +34,7 @@ class Parameter:
     """One parameter: dotted name, accepted values, and where a change of it takes effect."""
 
     name: str
-    kind: str  # bool, int, float, str or vector (of floats)
+    kind: str  # bool, int, float, str, vector (of floats) or words (of ``choices``, each once)
     default: Any  # None if the parameter is required
     doc: str
     unit: str = ""
@@ -59,6 +62,8 @@ class Parameter:
             return "true or false"
         if self.kind == "str":
             return "one of " + ", ".join(self.choices) if self.choices else "a non-empty string"
+        if self.kind == "words":
+            return "one or more of " + ", ".join(self.choices) + ", each once"
         unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
         signs = ((">=", self.ge), (">", self.gt), ("<=", self.le), ("<", self.lt))
         bounds = " and ".join(
@@ -101,6 +106,8 @@ class Parameter:
             return value
         if self.kind == "vector":
             return self._check_vector(value)
+        if self.kind == "words":
+            return self._check_words(value)
         if self.kind == "int":
             whole = _whole(value)
             if whole is None or not self._within(whole):
@@ -114,6 +121,14 @@ class Parameter:
         if not self._within(number):
             raise self.refuse(value)
         return number
+
+    def _check_words(self, value: object) -> tuple[str, ...]:
+        if not isinstance(value, _SEQUENCES) or isinstance(value, str):
+            raise self.refuse(value)
+        words = tuple(typing.cast("Sequence[object]", value))
+        if not words or len(set(words)) < len(words) or not set(words) <= set(self.choices):
+            raise self.refuse(value)
+        return typing.cast("tuple[str, ...]", words)
 
     def _check_vector(self, value: object) -> tuple[float, ...]:
         if value is None or not isinstance(value, _SEQUENCES) or isinstance(value, str):

@@ -204,13 +204,16 @@ def _check_friction(friction: Friction) -> None:
                 f"friction.coefficient = {show(friction.coefficient)}: must not be given, nor "
                 "friction.static_coefficient, together with friction.table"
             )
+    _check_direction(friction)
+    mean = friction.mean_coefficient
     if not math.isnan(static):
-        if static < friction.coefficient:
+        if static < mean:
+            of_both = "" if friction.direction == 0.0 else ", the mean of both directions of slide"
             raise SceneError(
                 f"friction.static_coefficient = {show(static)}: must be >= friction.coefficient "
-                f"({show(friction.coefficient)})"
+                f"({show(mean)}{of_both})"
             )
-        if static > friction.coefficient and friction.decay == 0.0:
+        if static > mean and friction.decay == 0.0:
             raise SceneError(
                 "friction.decay = 0.0: must be > 0 s/m if friction.static_coefficient differs "
                 "from friction.coefficient; otherwise the kinetic coefficient is never reached"
@@ -220,6 +223,24 @@ def _check_friction(friction: Friction) -> None:
         raise SceneError(
             "friction.radius = .nan: must be given with friction "
             "(the effective radius R of the shaft, > 0 m)"
+        )
+
+
+def _check_direction(friction: Friction) -> None:
+    given = [
+        name
+        for name in ("coefficient_forward", "coefficient_backward")
+        if not math.isnan(getattr(friction, name))
+    ]
+    if given and friction.table is not None:
+        raise SceneError(
+            f"friction.{given[0]} = {show(getattr(friction, given[0]))}: must not be given "
+            "together with friction.table"
+        )
+    if len(given) == 2 and friction.coefficient > 0.0:
+        raise SceneError(
+            f"friction.coefficient = {show(friction.coefficient)}: must not be given together with "
+            "both friction.coefficient_forward and friction.coefficient_backward, which replace it"
         )
 
 

@@ -20,6 +20,7 @@ from cylconn_ros.methods.minimal import coordinates, dense_output
 from cylconn_ros.methods.minimal.derivatives import INTEGRALS
 from cylconn_ros.methods.minimal.events import LOG_WIDTH
 from cylconn_ros.methods.minimal.initial import tolerance_of
+from cylconn_ros.scene.initial import check_start
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
@@ -200,3 +201,4 @@ def _check(scene: Scene) -> None:
     for name, body in zip(("body_a", "body_b"), scene.bodies, strict=True):
         if body.kind == "unknown":
             raise SceneError(f"{name}.kind = 'unknown': its inertia must be known to move it")
+    check_start(scene)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from cylconn_ros.core import plant
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene.bodies import PlantBody
+from cylconn_ros.scene.initial import check_start
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 
@@ -30,7 +31,8 @@ class Plant:
         loads: (12,) external loads on A and B as in a sample, held until changed.
         time_ns: simulated time. steps: periods since the start. period_ns: of one period.
 
-    Raises :class:`SceneError` if the scene has no period, or a body without mass and inertia.
+    Raises :class:`SceneError` if the scene has no period, a body without mass and inertia, or a
+    changing overlap that is too short in the initial poses.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -47,6 +49,7 @@ class Plant:
                     f"{name}.mass, {name}.inertia: must be given for a plant, "
                     "which moves the body, also if the connector does not know them"
                 )
+        check_start(scene)
         self.scene = scene
         self.par = pack(scene, plant=True)
         self.period_ns = round(scene.period * 1e9)

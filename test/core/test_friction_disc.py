@@ -28,6 +28,8 @@ def law(mu: float = 0.5, **change: float) -> Law:
         "rates": 0,
         "forces": 0,
         "centre": 0.0,
+        "radial": 1.0,
+        "direction": 0.0,
         "table": 0,
     }
     return Law(**{**values, **change})  # type: ignore[arg-type]
@@ -37,7 +39,7 @@ def test_a_packed_law_is_unpacked() -> None:
     """All numbers differ, so that an exchange of two is found."""
     packed = law(
         0.3, static=0.5, decay=7.0, cap=90.0, preload=-3.0, rate_slope=1.4, force_slope=0.01,
-        rates=2, forces=3, centre=0.07, table=20,
+        rates=2, forces=3, centre=0.07, radial=0.0, direction=-0.6, table=20,
     )  # fmt: skip
     par = np.zeros(30)
     par[4 : 4 + friction.SIZE] = friction.pack(packed)
@@ -77,8 +79,8 @@ def test_coefficient_decays_from_static_to_kinetic() -> None:
     for rate in (0.0, 0.1, 2.0):
         expected = 0.2 + 0.3 * math.exp(-3.0 * rate)
         assert friction.coefficient(decaying, PAR, rate, 1.0) == pytest.approx(expected)
-    assert friction.limit(decaying, PAR, 0.0, 10.0) == pytest.approx(5.0)
-    assert friction.limit(law(0.2, static=0.5, decay=3.0, cap=4.0), PAR, 0.0, 10.0) == 4.0
+    assert friction.limit(decaying, PAR, 0.0, 10.0, 0.0) == pytest.approx(5.0)
+    assert friction.limit(law(0.2, static=0.5, decay=3.0, cap=4.0), PAR, 0.0, 10.0, 0.0) == 4.0
 
 
 def test_table_is_bilinear_and_constant_beyond_its_ends() -> None:
@@ -173,7 +175,7 @@ def test_self_locking_stops_within_the_step() -> None:
 
 
 def problems(
-    seed: int, n: int
+    seed: int, n: int, by_direction: bool = False
 ) -> Iterator[tuple[Law, friction_disc.DiscProblem, np.ndarray, bool]]:
     """Random problems over wide scales, including jams and vanishing normal forces."""
     rng = np.random.default_rng(seed)
@@ -197,6 +199,8 @@ def problems(
                 cap=math.inf if rng.random() < 0.8 else scale * 10 ** rng.uniform(-1, 1),
                 bending=float(rng.choice([0.0, 1.0, 20.0])),
                 preload=float(rng.choice([0, 1, -1])) * scale * 10 ** rng.uniform(-2, 1),
+                direction=float(rng.choice([rng.uniform(-1, 1), -1, 1])) if by_direction else 0.0,
+                radial=float(rng.random() < 0.7) if by_direction else 1.0,
             ),
             slip_curve.make_disc_problem(
                 tuple(s_minus), tuple(s_minus + push), s[0, 0], s[0, 1], s[1, 1],
@@ -210,14 +214,17 @@ def problems(
 def normal_force(law_: Law, d: friction_disc.DiscProblem, phi: np.ndarray) -> np.ndarray:
     """FN of phi (2, n), implemented independently."""
     f = [d.base[i] + d.c1[i] * phi[0] + d.c2[i] * phi[1] for i in range(4)]
-    pressed = np.hypot(f[0], f[1]) + law_.bending * np.hypot(f[2], f[3]) + law_.preload
+    pressed = (
+        law_.radial * np.hypot(f[0], f[1]) + law_.bending * np.hypot(f[2], f[3]) + law_.preload
+    )
     return np.asarray(np.abs(pressed))
 
 
-def test_the_law_holds_and_the_rule_selects_the_root() -> None:
+@pytest.mark.parametrize("by_direction", [False, True])
+def test_the_law_holds_and_the_rule_selects_the_root(by_direction: bool) -> None:
     """Friction limit, slip direction and stick to 1e-11; compared with a scan of all roots."""
     several = sticks = 0
-    for law_, d, s, was_stick in problems(3, 1500):
+    for law_, d, s, was_stick in problems(3, 1500, by_direction):
         found = friction_disc.solve_disc(law_, PAR, d, was_stick)
         phi = np.array(found.phi)
         traction = float(np.linalg.norm(phi))
@@ -226,16 +233,20 @@ def test_the_law_holds_and_the_rule_selects_the_root() -> None:
         sizes = np.linalg.norm(d.s_free) + np.linalg.norm(s) * traction
         if found.regime == STICK:
             sticks += 1
-            assert traction <= min(law_.cap, law_.static * normal) * (1.0 + 1e-12)
+            most = law_.static * (1.0 - law_.direction * phi[0] / max(traction, 1e-300))
+            assert traction <= min(law_.cap, most * normal) * (1.0 + 1e-12)
             assert np.linalg.norm(s_end) <= 1e-11 * sizes
         else:
             theta = 0.5 if np.dot(d.s_minus, s_end) > 0.25 * np.dot(d.s_minus, d.s_minus) else 1.0
             s_mean = np.array(found.s_mean)
             rate = float(np.linalg.norm(s_mean))
             mu = law_.kinetic + (law_.static - law_.kinetic) * math.exp(-law_.decay * rate)
+            terms = mu * (1.0 + abs(law_.direction)) * normal
+            mu *= 1.0 + law_.direction * s_mean[0] / rate
             limit = min(law_.cap, mu * normal)
-            assert traction == pytest.approx(limit, rel=1e-10)
-            assert np.linalg.norm(rate * phi + limit * s_mean) <= 1e-10 * rate * (traction + limit)
+            assert traction == pytest.approx(limit, rel=1e-10, abs=1e-14 * terms)
+            off = np.linalg.norm(rate * phi + limit * s_mean)
+            assert off <= rate * (1e-10 * (traction + limit) + 1e-14 * terms)
             mean = (1.0 - theta) * np.array(d.s_minus) + theta * s_end
             if not np.allclose(mean, s_mean, atol=1e-10 * sizes):
                 assert np.allclose(s_end, s_mean, atol=1e-10 * sizes)  # theta = 1 is always allowed
@@ -260,6 +271,7 @@ def least_scanned(
         size = np.hypot(*phi)
         rate = r * size
         mu = law_.kinetic + (law_.static - law_.kinetic) * np.exp(-law_.decay * rate)
+        mu *= 1.0 - law_.direction * phi[0] / size
         spare = np.minimum(law_.cap, mu * normal_force(law_, d, phi)) - size
         roots = np.flatnonzero((spare[:-1] >= 0.0) & (spare[1:] < 0.0))
         if len(roots):

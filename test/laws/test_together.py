@@ -56,7 +56,34 @@ def _checked(runs: dict[str, RunSamples]) -> LawSummary:
     return summary
 
 
+def _nested() -> list[cr.Scene]:
+    """A shaft in a ring in a tube: both slide and spin, with friction by direction of both."""
+    ring = cr.Body(frame="ring", kind="free", mass=2.0, inertia=(0.01, 0, 0, 0.02, 0, 0.02))
+    shaft = cr.Body(frame="shaft", kind="free", mass=1.0, inertia=(0.004, 0, 0, 0.02, 0, 0.02))
+    settings = {
+        "ring": cr.PlantBody(twist=(0.5, 0.0, 0.0, 8.0, 0.0, 0.0)),
+        "shaft": cr.PlantBody(twist=(-0.6, 0.0, 0.0, -20.0, 0.0, 0.0)),
+    }
+    node, laws = cr.Node(orientation=LEVEL), []
+    for forward, backward, offset in ((0.1, 0.3, 1.0), (0.5, 0.1, -0.5)):
+        laws.append(cr.Friction(coefficient_forward=forward, coefficient_backward=backward,
+                                offset_force=offset, radius=0.05, overlap=0.2))  # fmt: skip
+    outer = cr.Scene(
+        period=1e-3, body_a=cr.Body(kind="fixed", frame="tube"), body_b=ring, node_a=node,
+        friction=laws[0], plant=cr.PlantSettings(body_b=settings["ring"]),
+    )  # fmt: skip
+    inner = cr.Scene(
+        period=1e-3, body_a=ring, body_b=shaft, node_a=node, friction=laws[1],
+        plant=cr.PlantSettings(body_a=settings["ring"], body_b=settings["shaft"]),
+    )  # fmt: skip
+    return [outer, inner]
+
+
 CASES = {
+    "by direction": (_rails((0.0, 0.0, 0.0, 0.0, 0.0, -2.0), elasticity=cr.Elasticity(k1=300.0),
+                            reference=cr.Reference(length=0.15), friction=cr.Friction(
+                                coefficient_forward=0.05, coefficient_backward=0.2, radius=0.01,
+                                overlap=0.1, offset_force=2.0)), 400),
     "slides": (_rails((40.0, 0.0, 0.0, 0.0, 0.0, -2.0)), 200),
     "overlap that changes": (
         _rails((40.0, 0.0, 0.0, 0.0, 0.0, -2.0), friction=cr.Friction(
@@ -75,6 +102,20 @@ def test_a_group_satisfies_the_laws(name: str) -> None:
     summary = _checked(_samples(scenes, count))
     assert {law: one.worst for law, one in summary.laws.items() if not one.holds} == {}
     assert summary.laws["constraint"].samples == 2 * count
+
+
+def test_friction_by_direction_of_nested_sleeves_satisfies_its_laws() -> None:
+    """Both slip and spin, in directions that turn; one of them comes to rest on the way."""
+    scenes, count = _nested(), 400
+    runs = _samples(scenes, count)
+    laws = _checked(runs).laws
+    for name in ("friction_limit", "slip_direction", "stick", "dissipation", "balance"):
+        assert laws[name].holds, (name, laws[name].worst)
+    regimes = {name: set(run.out[:, layout.REGIME]) for name, run in runs.items()}
+    assert regimes["left"] == {layout.SLIP, layout.STICK}
+    for run in runs.values():
+        assert run.out[:, layout.VELOCITY_VIOLATION].max() < 1e-14
+        assert run.out[:, layout.RESIDUAL].max() < 1e-13
 
 
 def _halved(out: np.ndarray) -> None:

@@ -16,9 +16,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import cylconn_ros as cr
+from cylconn_ros.connector.start import start_warnings
 from cylconn_ros.core import layout
 from cylconn_ros.laws import residuals
 from cylconn_ros.laws.runs import simulated
+from cylconn_ros.reference.moving_contact import slide
 from cylconn_ros.simulation.simulate import simulate
 
 MASS, G, MU, L0 = 2.0, 9.81, 0.1, 0.2
@@ -172,3 +174,73 @@ def test_what_comes_apart_is_flagged_and_a_full_insertion_ends_the_change() -> N
 def test_impossible_overlaps_are_refused(changes: dict[str, float], words: str) -> None:
     with pytest.raises(cr.SceneError, match=words):
         drawer("decreasing", "body_b", **changes)
+
+
+@pytest.mark.parametrize("method", ["impulse", "minimal"])
+def test_a_start_apart_is_refused_with_its_numbers(method: str) -> None:
+    scene = drawer("decreasing", "body_b", overlap_at=0.0).replace(
+        {"method": method, "plant.body_b.pose": [0.25, 0, 0, 0, 0, 0, 1.0]}
+    )
+    words = r"starts at 0.25 m with an overlap of -0.05 m, below friction.overlap_min \(0.001 m\)"
+    with pytest.raises(cr.SceneError, match=words):
+        cr.simulate(scene, duration=0.01)
+    turned = {"node_a.orientation": [0.0, 0.0, 1.0, 0.0]}  # e1 the other way: the slide is -0.25 m
+    cr.simulate(scene.replace(turned), duration=0.01)
+
+
+def test_a_foreign_simulator_that_starts_apart_is_warned_of() -> None:
+    scene = drawer("decreasing", "body_b", overlap_at=-0.25)
+    connector = cr.Connector(scene)
+    sample = np.zeros(layout.NSAMPLE)
+    sample[layout.A_POSE + 6] = sample[layout.B_POSE + 6] = 1.0
+    assert start_warnings(connector) == []
+    connector.step(sample)
+    (warning,) = start_warnings(connector)
+    assert "with an overlap of -0.05 m" in warning
+
+
+def test_the_state_has_overlap_and_middle() -> None:
+    """Those of the step: the bending force is 2 Mbend over this overlap, also where it is held."""
+    scene = drawer("increasing", "between", pull=12.0, overlap_max=0.205)
+    run = cr.simulate(scene, duration=0.3)
+    middle = run["displacement"] + 0.5e-3 * run["velocity"][:, 0]
+    np.testing.assert_allclose(run["overlap"], np.minimum(0.2 + middle, 0.205), rtol=1e-14)
+    moved = np.minimum(middle, 0.005)  # fully inserted, the middle stays with B's bearing
+    np.testing.assert_allclose(run["contact_centre"], -0.5 * moved, rtol=1e-12)
+    assert run["overlap"][-1] == 0.205
+    pressed = 2.0 * run["bending_moment"] / run["overlap"]
+    np.testing.assert_allclose(run["bending_force"], pressed, rtol=1e-14)
+    constant = cr.simulate(
+        scene.replace({"friction.overlap_change": "constant", "friction.contact_centre": "auto"}),
+        duration=0.01,
+    )
+    assert set(constant["overlap"]) == {0.2}
+    assert not constant["contact_centre"].any()
+
+
+def test_beyond_full_insertion_the_middle_stays_with_the_bearing_of_b() -> None:
+    """Minimal and impulse against the integrated reference, across the change of slope."""
+    scene = drawer("increasing", "between", pull=8.0, moment=0.0, overlap_max=0.22)
+    expected = slide(scene, 0.6)
+    exact = cr.simulate(scene.replace({"method": "minimal"}), duration=0.6)
+    assert expected.distance > 0.08
+    assert exact["displacement"][-1] == pytest.approx(expected.distance, abs=1e-7)
+    run = cr.simulate(scene, duration=0.6)
+    assert run["displacement"][-1] == pytest.approx(expected.distance, abs=3e-6)
+    assert run["contact_centre"][-1] == pytest.approx(-0.01, abs=1e-15)
+    for_samples = simulate(scene, 0.6)
+    loads = tuple(float(x) for x in for_samples.plant.loads)
+    samples = simulated(scene, "impulse", for_samples.states, for_samples.outs, loads)
+    for block, _ in samples.blocks():
+        assert max(np.max(np.nan_to_num(r)) for r in residuals.check(block).values()) < 1e-12
+
+
+def test_a_constant_overlap_knows_no_bounds() -> None:
+    """Shorter than overlap_min, with a middle that moves: as given, and not apart."""
+    scene = drawer("constant", "body_a", pull=12.0, moment=0.0, overlap=5e-4, overlap_at=-1e-5)
+    run = cr.simulate(scene, duration=0.1)
+    assert set(run["overlap"]) == {5e-4}
+    assert not (run["flags"].astype(int) & layout.DISENGAGED).any()
+    pressed = 2.0 * run["bending_moment"] / 5e-4
+    np.testing.assert_allclose(run["bending_force"], pressed, rtol=1e-14)
+    assert run["displacement"][-1] == pytest.approx(slide(scene, 0.1).distance, rel=1e-3)

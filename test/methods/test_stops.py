@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cylconn_ros as cr
-from cylconn_ros.connector.start import starts_beyond_stops
+from cylconn_ros.connector.start import start_warnings
 
 UPRIGHT = (0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5))
 INERTIA = (0.01, 0.0, 0.0, 0.02, 0.0, 0.02)
@@ -207,9 +207,9 @@ def test_a_start_beyond_a_stop_is_pulled_in_and_said() -> None:
         _dropped(0.013, 0.5), stops=cr.Stops(l_min=0.01, l_max=0.2, restitution=0.5), latency=0
     )
     run = cr.simulate(scene, duration=0.2)
-    (warning,) = starts_beyond_stops(run.connector)
+    (warning,) = start_warnings(run.connector)
     assert "slide starts at 0 m, beyond stops.l_min (0.01 m)" in warning
     assert np.abs(run["velocity"][:, 0]).max() <= scene.reference.pull_in_speed * (1.0 + 1e-12)
     assert abs(run["length"][-1] - 0.01) < 1e-9  # at rest after a last bounce
     inside = dataclasses.replace(scene, stops=cr.Stops(l_min=0.0))
-    assert starts_beyond_stops(cr.simulate(inside, duration=0.01).connector) == []
+    assert start_warnings(cr.simulate(inside, duration=0.01).connector) == []

@@ -425,3 +425,16 @@ def test_a_runaway_is_marked(run: Run) -> None:
     assert marked() == set()
     assert marked(offset_violation=[0.5]) == {"run", "worst offset"}  # not usable
     assert marked(angular_violation=[np.nan]) == {"worst misalignment"}
+
+
+def test_the_contact_is_shown_where_it_changes() -> None:
+    """A panel and the drawn sleeve; older recordings have the scene's overlap."""
+    packed = Packed(*payload.build_payload(noise_data(500)))
+    assert any(panel["key"] == "contact" for panel in packed.head["panels"])
+    for name in ("overlap", "middle"):
+        assert len(packed(packed.head["path"][name])) == len(packed(packed.head["path"]["u1"]))
+    old = gather.gather(read_run(BAGS / "jam"))
+    assert set(states_of(old)("overlap").tolist()) == {0.08}
+    assert not states_of(old)("contact_centre").any()
+    head, _ = payload.build_payload(old)
+    assert not any(panel["key"] == "contact" for panel in head["panels"])

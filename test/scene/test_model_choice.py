@@ -37,6 +37,17 @@ def test_the_description_says_what_is_modelled_and_what_is_not() -> None:
         ({}, "", "friction (coefficient 0): the reactions follow from a linear solve"),
         ({"friction": {**FRICTION, "overlap": 0.0}}, "friction 0.2", "bending in the normal force"),
         ({"friction": {**FRICTION, "max_force": 9.0}}, "at most 9.0 N", "stops"),
+        (
+            {"friction": {**FRICTION, "coefficient_forward": 0.1}},
+            "friction by direction, 0.1 forward and 0.2 backward",
+            "stops",
+        ),
+        (
+            {"friction": {**FRICTION, "contact_centre": "body_a", "inputs": ["bending", "radial"]}},
+            "its middle carried by body_a, preload 2.0 N, pressed by bending and radial only",
+            "stops",
+        ),
+        ({"friction": {"offset_force": 2.0}}, "offset force 2.0 N", "friction (coefficient 0)"),
         ({"stops": {"theta_max": 1.0}}, "stops", "lock"),
         ({"lock": {"component": "spin", "force": 1.0}}, "lock of spin", "stops"),
         ({"elasticity": {"k1": 1.0}}, "springs", "dampers"),

@@ -4,7 +4,16 @@ import math
 from typing import Final
 
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.friction import SIZE, Array, coefficient, contact, limit, set_limit
+from cylconn_ros.core.friction import (
+    SIZE,
+    Array,
+    coefficient,
+    contact,
+    cosine,
+    limit,
+    set_limit,
+    share_of,
+)
 from cylconn_ros.core.group_problem import GroupProblem
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
@@ -37,17 +46,20 @@ def fix_limit(par: Array, kept: Array, g: GroupProblem, c: int, solved: bool) ->
 def write_law(par: Array, r: ReducedStep, out: Array) -> None:
     """Write coefficient, limit and the flag of a jam by the true law of the connector."""
     law = model.law(par)
+    phi = (out[layout.FORCE_FRICTION], out[layout.MOMENT_FRICTION] / law.radius)
+    c = cosine(law, phi)
+    share = share_of(law, c)
     normal, traction = out[layout.NORMAL_FORCE], out[layout.TRACTION]
     if out[layout.REGIME] == layout.SLIP:
         if normal > 0.0 and traction < law.cap:
             out[layout.FRICTION_COEFFICIENT] = traction / normal
         else:
-            out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
+            out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal) * share
         return
-    out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal)
-    out[layout.FRICTION_LIMIT] = limit(law, par, 0.0, normal)
+    out[layout.FRICTION_COEFFICIENT] = coefficient(law, par, 0.0, normal) * share
+    out[layout.FRICTION_LIMIT] = limit(law, par, 0.0, normal, c)
     f1 = out[layout.FORCE] - out[layout.FORCE_FRICTION]
     m1 = out[layout.MOMENT] - out[layout.MOMENT_FRICTION]
     grown = normal - contact(law, reactions(r, f1, m1)).normal
-    if not (coefficient(law, par, 0.0, grown) * grown >= traction > 0.0):
+    if not (coefficient(law, par, 0.0, grown) * share * grown >= traction > 0.0):
         out[layout.FLAGS] = int(out[layout.FLAGS]) & ~layout.JAMMED

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import correction_share, feedback_gain, rate_share
 from cylconn_ros.core.free_gain import free_gain, holds_position
-from cylconn_ros.core.friction import Array, contact, limit
+from cylconn_ros.core.friction import Array, contact, cosine, limit
 from cylconn_ros.core.friction_disc import DiscSolution, solve_alternative, solve_disc
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.joint_limits import ActiveLimits, Bounds, Two, eliminate_limits
@@ -301,7 +301,7 @@ def _friction(
     slip = math.sqrt(sol.s_mean[0] ** 2 + sol.s_mean[1] ** 2)
     residual = 0.0
     if sol.regime == layout.SLIP:
-        greatest = limit(law, par, slip, normal)
+        greatest = limit(law, par, slip, normal, cosine(law, sol.phi))
         if greatest > 0.0 and slip > 0.0:
             across = math.sqrt(
                 (slip * p + greatest * sol.s_mean[0]) ** 2

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import reliable_restitution
 from cylconn_ros.core.free_gain import lag_of, stable_damping, stable_stiffness
-from cylconn_ros.core.friction import Array, Law, coefficient, contact, limit
+from cylconn_ros.core.friction import Array, Law, coefficient, contact, cosine, limit, share_of
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.joint_limits import (
     Bounds,
@@ -295,9 +295,10 @@ def write_state(
         write_contact(out, pressed, 0.0, 0.0, 0.0)
         return
     rate = out[layout.SLIP_RATE] if av.solved.regime == layout.SLIP else 0.0
-    mu = coefficient(law, par, rate, pressed.normal)
-    greatest = limit(law, par, rate, pressed.normal)
     q = av.solved.friction[1] / law.radius
+    c = cosine(law, (av.solved.friction[0], q))
+    mu = coefficient(law, par, rate, pressed.normal) * share_of(law, c)
+    greatest = limit(law, par, rate, pressed.normal, c)
     traction = math.sqrt(av.solved.friction[0] ** 2 + q * q)
     if av.solved.regime == layout.SLIP:
         greatest = traction  # P = limit: mu at the mean slip rate of the step
@@ -325,7 +326,7 @@ def _time_to_rest(
     b, c = r.by_f1, r.by_m1
     by = (x * b[0] + y * c[0], x * b[1] + y * c[1], x * b[2] + y * c[2], x * b[3] + y * c[3])
     base = reactions(r, push[0], push[1])
-    p, jammed, _ = least_traction(law, par, base, by, 1.0, size, math.inf)
+    p, jammed, _ = least_traction(law, par, base, by, 1.0, size, s1 / size, math.inf)
     if jammed or not math.isfinite(p):
         return 0.0
     f1, m1 = push[0] + p * x, push[1] + p * y

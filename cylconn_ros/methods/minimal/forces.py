@@ -13,7 +13,7 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
-from cylconn_ros.core.friction import Array, Law, contact, limit
+from cylconn_ros.core.friction import Array, Law, contact, cosine, limit
 from cylconn_ros.core.friction_disc import DiscSolution, solve_disc
 from cylconn_ros.core.jit import allocating_function, inline_function
 from cylconn_ros.core.joint_limits import ActiveLimits, Two, eliminate_limits, imposed_force
@@ -144,7 +144,8 @@ def _stick(
     return Instant(
         (0.0, 0.0), spring, damper, friction, (x[0] - friction[0], x[1] - friction[1]),
         (push[0] + x[0], push[1] + x[1]), c, normal,
-        math.sqrt(friction[0] * friction[0] + q * q), limit(law, par, 0.0, normal), 0.0, False,
+        math.sqrt(friction[0] * friction[0] + q * q),
+        limit(law, par, 0.0, normal, cosine(law, (friction[0], q))), 0.0, False,
     )  # fmt: skip
 
 
@@ -178,7 +179,7 @@ def _slip(
         g, k = -v / slip, -law.radius * w / slip  # (f1f, m1f) of r = 1
         b = add4(r.base, along(r, active.q0[0], active.q0[1]))
         d = along(r, active.q1[0] * g + active.q2[0] * k, active.q1[1] * g + active.q2[1] * k)
-        traction, jammed, _ = least_traction(law, par, b, d, 1.0, slip, math.inf)
+        traction, jammed, _ = least_traction(law, par, b, d, 1.0, slip, v / slip, math.inf)
         if jammed or traction == math.inf:
             traction, jammed = 0.0, True
         f, m = traction * g, traction * k

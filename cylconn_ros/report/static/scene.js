@@ -108,11 +108,18 @@ class Scene {
     return (this.follow ? this.near / this.zoom : this.far) / 60;
   }
 
+  // Ends of the contact along the slot: around its middle, by the overlap at the cursor.
+  ends(length) {
+    const { path } = this.link.run, half = path.overlap[this.link.sample] / 2;
+    const middle = length + path.middle[this.link.sample];
+    return [middle - half, middle + half];
+  }
+
   faces(origin, axes, length, y, z, angle) {
     const { radius, overlap, stops } = this.link.run.geometry;
     const sleeve = add(origin, add(scaled(axes[1], y), scaled(axes[2], z)));
     const inner = 1.02 * radius, outer = 1.75 * radius;
-    const [a, b] = [length - overlap / 2, length + overlap / 2];
+    const [a, b] = this.ends(length);
     const step = this.piece();
     const seen = this.follow ? 1.2 * this.near / this.zoom : Infinity;
     const from = Math.max(this.slot[0], length - seen), to = Math.min(this.slot[1], length + seen);
@@ -141,12 +148,12 @@ class Scene {
 
   // Dark rings on the shaft at round positions, which show the slide while the view follows the sleeve.
   graduation(camera, origin, axes, length) {
-    const { radius, overlap } = this.link.run.geometry;
+    const { radius } = this.link.run.geometry, [a, b] = this.ends(length);
     const reach = (this.follow ? this.near / this.zoom : this.far) * 0.9;
     const { values } = ticks(Math.max(this.slot[0], length - reach), Math.min(this.slot[1], length + reach), 12);
     const rim = Array.from({ length: 25 }, (_, k) => (2 * Math.PI * k) / 24)
       .map((phi) => add(scaled(axes[1], Math.cos(phi)), scaled(axes[2], Math.sin(phi))));
-    return values.filter((at) => Math.abs(at - length) > overlap / 2).map((at) => {
+    return values.filter((at) => at < a || at > b).map((at) => {
       const centre = add(origin, scaled(axes[0], at));
       const place = (normal) => (dot(normal, camera.back) < 0 ? null : camera.project(add(centre, scaled(normal, radius))));
       const before = 1.05 * radius + 0.6 * this.piece() * Math.abs(dot(axes[0], camera.back));

@@ -41,7 +41,6 @@ class Markers:
         self._scene = scene
         radius = scene.friction.radius
         self._radius = radius if math.isfinite(radius) else 0.02
-        self._overlap = scene.friction.overlap or 4.0 * self._radius
         stops = scene.stops
         low = stops.l_min if math.isfinite(stops.l_min) else -0.5
         high = stops.l_max if math.isfinite(stops.l_max) else 0.5
@@ -59,16 +58,18 @@ class Markers:
         y, z = out[layout.OFFSET : layout.OFFSET + 2]
         length = float(out[layout.LENGTH])
         low, high = (min(self._slot[0], length), max(self._slot[1], length))
-        sleeve = start + length * axes[0] + y * axes[1] + z * axes[2]
+        node_b = start + length * axes[0] + y * axes[1] + z * axes[2]
+        sleeve = node_b + float(out[layout.CONTACT_CENTRE]) * axes[0]
+        overlap = float(out[layout.OVERLAP]) or 4.0 * self._radius
         force = sum(f * e for f, e in zip(out[layout.FORCE : layout.FORCE + 3], axes, strict=True))
         self._largest = max(self._largest, float(np.linalg.norm(force)))
-        tip = sleeve + _ARROW / self._largest * force
+        tip = node_b + _ARROW / self._largest * force
 
         markers = [
             self._cylinder(0, start + 0.5 * (low + high) * axes[0], orientation, high - low, 1.0),
-            self._cylinder(1, sleeve, orientation, self._overlap, 1.6),
-            self._arrow(2, sleeve, tip, int(out[layout.REGIME])),
-            self._stripe(3, sleeve, axes, orientation, float(out[layout.ANGLE])),
+            self._cylinder(1, sleeve, orientation, overlap, 1.6),
+            self._arrow(2, node_b, tip, int(out[layout.REGIME])),
+            self._stripe(3, sleeve, axes, orientation, float(out[layout.ANGLE]), overlap),
         ]
         seconds, nanoseconds = divmod(stamp, 1_000_000_000)
         for marker in markers:
@@ -98,13 +99,14 @@ class Markers:
         axes: list[np.ndarray],
         orientation: list[float],
         angle: float,
+        overlap: float,
     ) -> Marker:
         """A bar on the sleeve's surface that shows its rotation."""
         marker = Marker(id=number, type=Marker.CUBE)
         outside = math.cos(angle) * axes[1] + math.sin(angle) * axes[2]
         turned = _product(orientation, (math.sin(angle / 2), 0.0, 0.0, math.cos(angle / 2)))
         _set_pose(marker.pose, sleeve + 1.6 * self._radius * outside, turned)
-        marker.scale.x = self._overlap
+        marker.scale.x = overlap
         marker.scale.y, marker.scale.z = 0.2 * self._radius, 0.3 * self._radius
         marker.color = ColorRGBA(r=0.2, g=0.2, b=0.2, a=1.0)
         return marker

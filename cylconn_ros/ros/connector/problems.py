@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.description import unknown_frame_text
-from cylconn_ros.connector.start import starts_beyond_stops
+from cylconn_ros.connector.start import start_warnings
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.joint_limits import is_motion_imposed
 from cylconn_ros.core.latency import REFUTED
@@ -188,7 +188,7 @@ def solution_problems(
             f"{health.worst_offset:.3g} m, {health.worst_angle:.3g} rad)"
         )
         yield Problem(WARN, "drift", text)
-    for text in starts_beyond_stops(connector):
+    for text in start_warnings(connector):
         stop = text.partition("stops.")[2].partition(" ")[0]
         if is_new(f"start {stop}", 1):
             yield Problem(WARN, f"start {stop}", text)
