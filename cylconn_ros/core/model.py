@@ -8,6 +8,7 @@ sections of PAR as named tuples. Constants are the index of the first number of 
 import math
 from typing import Final, NamedTuple
 
+from cylconn_ros.core import elements
 from cylconn_ros.core.friction import SIZE, Array, Law, unpack
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Nodes
@@ -48,7 +49,8 @@ CONSTRAINT: Final = (
 DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (infinite: no limit),
 #                                speed of approach of an imposed position
 OVERLAP: Final = DRIVE + 4  # how the contact changes with the slide: see core/overlap.py
-TABLE: Final = OVERLAP + 6  # of the friction coefficient: rates, forces, values
+ELEMENTS: Final = OVERLAP + 6  # tables of springs and dampers, compliant stops: core/elements.py
+TABLE: Final = ELEMENTS + elements.SIZE  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined
@@ -143,7 +145,9 @@ USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last interval
 LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
 PASSIVITY_CONTROLLER: Final = LATENCIES + 1  # 8 x 20: of offsets, swings, slide, spin;
 #                             oscillations of both offsets, swings (methods/passivity_controller.py)
-NMEM: Final = PASSIVITY_CONTROLLER + 160
+END_RATES: Final = PASSIVITY_CONTROLLER + 160  # 2: rates at the end of the step about which tables
+#                             and compliant stops are linearised (free_axes/elements.py)
+NMEM: Final = END_RATES + 2
 
 
 class Output(NamedTuple):

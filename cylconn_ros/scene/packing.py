@@ -1,13 +1,15 @@
 """The parameter array of a scene, which the compiled step reads, and the choice of the method."""
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core import friction, model
+from cylconn_ros.core import elements, friction, model
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.elements import pack_elements
 from cylconn_ros.scene.scene import Body, Friction, Node, Scene
 
 Array = NDArray[np.float64]
@@ -86,6 +88,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         scene.limits.torque,
     )
     par[model.STOPS : model.STOPS + 5] = _stops(scene)
+    par[model.ELEMENTS : model.ELEMENTS + elements.SIZE] = pack_elements(scene)
     lock = scene.lock
     par[model.LOCK : model.LOCK + 3] = (
         ("none", "slide", "spin").index(lock.component),
@@ -137,8 +140,13 @@ def _latency(scene: Scene) -> float:
 
 
 def _stops(scene: Scene) -> list[float]:
-    """Stops of length and angle, infinite if there is none, and the restitution."""
+    """Rigid stops of length and angle, infinite if there is none, and the restitution."""
     stops = scene.stops
+    if any(stops.compliant):
+        free = {"l_min": math.nan, "l_max": math.nan} if stops.compliant[0] else {}
+        if stops.compliant[1]:
+            free |= {"theta_min": math.nan, "theta_max": math.nan}
+        stops = dataclasses.replace(stops, **free)
     low = [-math.inf if math.isnan(x) else x for x in (stops.l_min, stops.theta_min)]
     high = [math.inf if math.isnan(x) else x for x in (stops.l_max, stops.theta_max)]
     return [low[0], high[0], low[1], high[1], stops.restitution]
