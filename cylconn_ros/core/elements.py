@@ -24,7 +24,6 @@ m w^2/2 + (V(x) + V(x + h w))/2 (Greenspan, J. Comput. Phys. 56, 1984).
 on one piece; else the step is repeated about the rate that it found, Newton's method.
 """
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -198,9 +197,7 @@ def elements_over_step(
     below, below_by = _stop_force(par, at, low - x - start, low - x - last, -mean, -by, -0.5)
     above, above_by = _stop_force(par, at, x + start - high, x + last - high, mean, by, 0.5)
     side = (1 if above > 0.0 else 0) - (1 if below > 0.0 else 0)
-    return ElementForces(
-        -spring, -damper, below - above, side, total - below_by + above_by
-    )
+    return ElementForces(-spring, -damper, below - above, side, total - below_by + above_by)
 
 
 @device_function

@@ -3,8 +3,6 @@
 SI units, radians. The force of a table opposes: a rising table is a spring or a damper.
 """
 
-# ruff: noqa: RUF009 - parameter() makes the fields themselves
-
 from __future__ import annotations
 
 import dataclasses

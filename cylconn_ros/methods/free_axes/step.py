@@ -1,8 +1,9 @@
 """Forces on the free axes, slide and spin, after elimination of the constrained components.
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit
-and second order. Tables and compliant stops: free_axes/elements.py. They are included in S before friction and the reactions of stops, locks and
-imposed motion are solved (methods/free_axes/complementarity.py).
+and second order; tables and compliant stops with their mean over it (free_axes/elements.py). They
+are included in S before friction and the reactions of stops, locks and imposed motion are solved
+(methods/free_axes/complementarity.py).
 """
 
 import math
@@ -22,6 +23,7 @@ from cylconn_ros.core.joint_limits import (
     is_motion_imposed,
     prescribed_rate,
     start_imposed_motion,
+    stop_bits,
     update_lock,
 )
 from cylconn_ros.core.output_wrenches import write_contact, write_forces
@@ -152,12 +154,12 @@ def complete_free_axes(
     end, actuation = solved.end, (imposed_force(par, 0), imposed_force(par, 1))
     spring = (-k1 * (u1 + 0.25 * h * (v1 + end[0])), -kr * (ur + 0.25 * h * (w1 + end[1])))
     damper = (-0.5 * c1 * (v1 + end[0]), -0.5 * cr * (w1 + end[1]))
-    stop = _stop_bits(found.contacts[0]) | _stop_bits(found.contacts[1]) << 2
+    stop = stop_bits(found.contacts[0]) | stop_bits(found.contacts[1]) << 2
     if has_any_element(par):
         one, two = elements_of(par, mem, o, r, h, 0), elements_of(par, mem, o, r, h, 1)
         spring = (spring[0] + one.spring, spring[1] + two.spring)
         damper = (damper[0] + one.damper, damper[1] + two.damper)
-        stop |= _stop_bits(one.side) | _stop_bits(two.side) << 2
+        stop |= stop_bits(one.side) | stop_bits(two.side) << 2
         p, q2 = solved.reaction
         solved = FreeAxesSolution(
             end, solved.friction, (p + one.stop, q2 + two.stop), solved.regime, solved.flags,
@@ -196,14 +198,6 @@ def _solve_undriven(
         )
     contacts = (0 if side1 != 0 else sides[0], 0 if side2 != 0 else sides[1])
     return LimitedSolution(solved, sides, contacts, slide, spin, solved.reaction, False)
-
-
-@inline_function
-def _stop_bits(side: int) -> int:
-    """Stop of a component that is in contact: 1 the lower, 2 the upper, 0 none."""
-    if side < 0:
-        return 1
-    return 2 if side > 0 else 0
 
 
 @inline_function

@@ -84,9 +84,7 @@ def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
     damper = (-par[e + 2] * y[coordinates.SLIDE], -par[e + 3] * y[coordinates.SPIN])
     given = (imposed_force(par, 0), imposed_force(par, 1))
     if par[model.ELEMENTS] != 0.0:
-        f = elements_at(
-            par, model.ELEMENTS, 0, u1, y[coordinates.LENGTH], y[coordinates.SLIDE]
-        )
+        f = elements_at(par, model.ELEMENTS, 0, u1, y[coordinates.LENGTH], y[coordinates.SLIDE])
         spring, damper = (spring[0] + f.spring, spring[1]), (damper[0] + f.damper, damper[1])
         given = (given[0] + f.stop, given[1])
     if par[model.ELEMENTS + 1] != 0.0:
