@@ -29,6 +29,8 @@ class Block:
     past: History  # before each sample
     others: Array | None = None  # (n, 12) wrenches of connectors on the same bodies (together.py)
     near: Any = None  # Approach of the samples to their stops (approach.py), if it is known
+    elements: Array | None = None  # (n,) residual of tables and compliant stops (elements.py)
+    given: Block | None = None  # the same with the forces of these imposed, without their tangent
 
 
 def ratio(value: Array, size: Array) -> Array:
