@@ -94,8 +94,11 @@ def _on_piece(par: Array, at: int, j: int, x: float) -> tuple[float, float]:
         return par[first + MOST_POINTS + (0 if j == 0 else n - 1)], 0.0
     left = min(max(j, 1), n - 1) - 1
     x0, y0 = par[first + left], par[first + MOST_POINTS + left]
-    slope = (par[first + MOST_POINTS + left + 1] - y0) / (par[first + left + 1] - x0)
-    return y0 + slope * (x - x0), slope
+    x1, y1 = par[first + left + 1], par[first + MOST_POINTS + left + 1]
+    slope = (y1 - y0) / (x1 - x0)
+    if abs(x - x0) < abs(x - x1):  # from the nearer end: no digits are lost next to a zero
+        return y0 + slope * (x - x0), slope
+    return y1 + slope * (x - x1), slope
 
 
 @device_function
@@ -147,6 +150,20 @@ def _mean_and_slope(a: float, b: float) -> tuple[float, float]:
     return mean, (max(b, 0.0) - mean) / (b - a)
 
 
+@inline_function
+def _mean_share(a: float, b: float, over: float) -> tuple[float, float]:
+    """Mean of min(d / over, 1), 0 for d < 0, from a to b, and its derivative with respect to b."""
+    low, high = min(a, b), max(a, b)
+    if low >= over:
+        return 1.0, 0.0
+    if a == b:
+        return a / over, 0.5 / over
+    rises, full = max(low, 0.0), min(high, over)
+    mean = 0.5 * (full - rises) * (full + rises) / over + max(high - over, 0.0)
+    mean /= high - low
+    return mean, (min(max(b / over, 0.0), 1.0) - mean) / (b - a)
+
+
 @device_function
 def _stop_force(
     par: Array, at: int, a: float, b: float, rate: float, by_b: float, by_rate: float
@@ -161,10 +178,7 @@ def _stop_force(
     k, c, over = par[at + STIFFNESS], par[at + DAMPING], par[at + DEPTH]
     force, by = k * depth, k * slope * by_b
     if c > 0.0:
-        share, share_by = 1.0, 0.0
-        if min(a, b) < over:
-            beyond, beyond_by = _mean_and_slope(a - over, b - over)
-            share, share_by = (depth - beyond) / over, (slope - beyond_by) / over
+        share, share_by = _mean_share(a, b, over)
         force += c * share * rate
         by += c * (share * by_rate + share_by * by_b * rate)
     return (force, by) if force > 0.0 else (0.0, 0.0)

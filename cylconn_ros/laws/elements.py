@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws.normalised import TOLERANCE, Block, ratio
-from cylconn_ros.laws.parameters import Parameters
+from cylconn_ros.laws.parameters import Bools, Parameters
 from cylconn_ros.laws.predicted_end import prepare_step
 from cylconn_ros.laws.sample_state import SampleState
 from cylconn_ros.laws.step import FREE, rates_from_wrench
@@ -145,12 +145,21 @@ def _over_path(e: Elements, u: float, x: float, path: tuple[float, float], rate:
 
 @dataclasses.dataclass
 class Substitution:
-    """Parameters and outputs without elements, and the residual (n,) of the elements' forces."""
+    """What replaces the elements of a block, and what is lost with them."""
 
-    parameters: Parameters
+    parameters: Parameters  # without elements
     out: Array
-    given: tuple[Parameters, Array]  # with the force alone, without its tangent
-    residual: Array
+    original: tuple[Parameters, Array]
+    residual: Array  # (n,) of the forces of the elements
+    compliant: Bools  # (n, 2) whether there are compliant stops
+    ones: list[_One]
+
+    def stored(self, moved: Array) -> Array:
+        """(n,) change of the energy stored in the elements for a motion (n, 2), J."""
+        found = np.zeros(len(moved))
+        for one in self.ones:
+            found[one.row] += one.stored(float(moved[one.row, one.k]))
+        return found
 
 
 def substituted(
@@ -159,48 +168,44 @@ def substituted(
 ) -> Substitution:  # fmt: skip
     """Replace the elements by an imposed force and a damper; ``of``: the scene of each row."""
     n = len(p.h)
-    residual = np.zeros(n)
+    residual, ones = np.zeros(n), []
+    soft = np.array([scene.stops.compliant for scene in scenes])[of]
     has = np.array([_has(scene) for scene in scenes])[of]
     rows = np.flatnonzero(has & np.isfinite(out).all(axis=1))
     if not len(rows):
-        return Substitution(p, out, (p, out), residual)
+        return Substitution(p, out, (p, out), residual, soft, ones)
     solved = TRAITS[method].exact_stick
     ends, ends_size = o.w[:, FREE], o.w_size[:, FREE]
     if solved:
         few, state = p.take(rows), o.take(rows)
         s = prepare_step(few, state, sample[rows], None if others is None else others[rows])
         wrench = out[rows, layout.FORCE : layout.FORCE + 6]
-        added, added_size = rates_from_wrench(few, s, wrench, np.abs(wrench))
+        terms = np.abs(wrench)
+        for k, first in enumerate(_FIRST):  # a total can be the small difference of its parts
+            terms[:, FREE[k]] = np.abs(out[rows, first : first + 5]).sum(axis=1)
+        added, added_size = rates_from_wrench(few, s, wrench, terms)
         ends, ends_size = np.zeros((n, 2)), np.zeros((n, 2))
         ends[rows] = (s.free + added + s.bracket)[:, FREE]
         ends_size[rows] = (s.free_size + added_size + s.bracket_size)[:, FREE]
-    tangent, plain, clean = p.damping.copy(), out.copy(), out.copy()
-    command, force_only = p.command.copy(), p.command.copy()
+    tangent, command, clean = p.damping.copy(), p.command.copy(), out.copy()
     for row in rows:
         for k in range(2):
             e = elements_of(scenes[of[row]], k)
             if not (len(e.spring.x) or len(e.damper.x) or e.stops):
                 continue
             one = _One(p, o, int(row), k, e, solved, float(ends[row, k]), float(ends_size[row, k]))
+            ones.append(one)
             residual[row] = max(residual[row], one.residual(out[row]))
             slope = one.slope() if solved else 0.0
             tangent[row, k] += 2.0 * slope
-            for target, imposed, about in ((clean, command, slope), (plain, force_only, 0.0)):
-                imposed[row, k, 2] = one.replace(target[row], about)
-    return Substitution(
-        dataclasses.replace(p, damping=tangent, command=command),
-        clean,
-        (dataclasses.replace(p, command=force_only), plain),
-        residual,
-    )
+            command[row, k, 2] = one.replace(clean[row], slope)
+    without = dataclasses.replace(p, damping=tangent, command=command)
+    return Substitution(without, clean, (p, out), residual, soft, ones)
 
 
 def block_of(block: Block, found: Substitution) -> Block:
     """The block without its elements, with which the other laws are checked."""
-    given = dataclasses.replace(block, parameters=found.given[0], out=found.given[1])
-    return dataclasses.replace(
-        block, parameters=found.parameters, out=found.out, elements=found.residual, given=given
-    )
+    return dataclasses.replace(block, parameters=found.parameters, out=found.out, elements=found)
 
 
 def _has(scene: Scene) -> bool:
@@ -215,7 +220,7 @@ class _One:
         self, p: Parameters, o: SampleState, row: int, k: int, e: Elements, solved: bool,
         end: float, end_size: float,
     ) -> None:  # fmt: skip
-        self.k, self.e, self.end, self.solved = k, e, end, solved
+        self.row, self.k, self.e, self.end, self.solved = row, k, e, end, solved
         self.h, self.explicit = float(p.h[row]), bool(p.explicit[row])
         rest = p.reference[row, k]
         rest = float(o.start[row, k] if math.isnan(rest) else rest)
@@ -242,6 +247,12 @@ class _One:
     def over_step(self, end: float) -> Forces:
         path, rate = self.path(end)
         return _over_path(self.e, self.u, self.x, path, rate)
+
+    def stored(self, moved: float) -> float:
+        """Change of the stored energy over a motion, J."""
+        stops = self.e.stop_forces(self.x, self.x + moved, 0.0)
+        pushed = -sum(force for _, force in stops) * moved
+        return self.e.spring.mean(self.u, self.u + moved) * moved + pushed
 
     def slope(self) -> float:
         """-d(force)/d(end)."""

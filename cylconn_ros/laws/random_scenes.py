@@ -131,7 +131,10 @@ def _elements(rng: Random, values: dict[str, Any], mass: float, inertia: float) 
             values.setdefault("damping", {})[name] = {
                 "rates": _list(x), forces: _list(y), "extrapolation": _beyond(rng),
             }  # fmt: skip
-        soft = rng.random() < 0.3
+        component = ("slide", "spin")[k]
+        moves = values.get("command", {}).get(component, {}).keys() & {"position", "velocity"}
+        held = moves or values.get("lock", {}).get("component") == component
+        soft = rng.random() < 0.4 and not held  # else the sizes of both forces are not known
         if soft and any(end.startswith(("l_", "theta_")[k]) for end in limits):
             prefix = ("", "rotational_")[k]
             limits[f"{prefix}stiffness"] = float(stiff * decades(rng, -6.0, 0.5))

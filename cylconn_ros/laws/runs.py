@@ -107,8 +107,6 @@ class RunSamples:
         if one.bounded[0]:
             p = block.parameters
             block.past, block.near = _with_bounds(p, tables, sample, block.out, past, others)
-            if block.given is not None:
-                block.given.past = block.past
         return block
 
 

@@ -101,6 +101,11 @@ def are_settled(
         change = -here.slope * (end[k] - at)
         size = abs(there.spring) + abs(there.damper) + abs(there.stop)
         size += max(here.slope, there.slope) * (abs(at) + abs(end[k]))
+        if there.spring != 0.0 or there.stop != 0.0:  # rounding of the position
+            stiff = par[model.ELEMENTS + elements.first_of(k) + elements.STEEPEST]
+            x = o.length if k == 0 else o.angle
+            rest = model.value_or(par[model.REFERENCE + 2 + k], mem[model.LENGTH0 + k])
+            size += stiff * (abs(x) + abs(rest))
         if abs(_total(there) - _total(here) - change) > SETTLED * size:
             return False
     return True
