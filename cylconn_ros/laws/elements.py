@@ -168,7 +168,8 @@ def substituted(
 ) -> Substitution:  # fmt: skip
     """Replace the elements by an imposed force and a damper; ``of``: the scene of each row."""
     n = len(p.h)
-    residual, ones = np.zeros(n), []
+    residual = np.zeros(n)
+    ones: list[_One] = []
     soft = np.array([scene.stops.compliant for scene in scenes])[of]
     has = np.array([_has(scene) for scene in scenes])[of]
     rows = np.flatnonzero(has & np.isfinite(out).all(axis=1))

@@ -8,11 +8,17 @@ events, so that each piece is smooth. Nothing of the connector's code is used.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylconn_ros.scene.scene import Scene
+
+Array = NDArray[np.float64]
+Event = Callable[[float, Array], float]
+Rates = Callable[[float, Array], list[float]]
 
 SKIP = 1e-7  # s, over an event, by one step of a Runge-Kutta method of fourth order
 
@@ -43,15 +49,14 @@ def slide(scene: Scene, start: float, rate: float, push: float, drag: float, end
     def total(x: float, v: float) -> float:
         return push + _elastic(scene, x - rest) + _viscous(scene, v) + stop_force(scene, x, v)
 
-    def rates(_t: float, y: list[float]) -> list[float]:
+    def rates(_t: float, y: Sequence[float] | Array) -> list[float]:
         return [y[1], (total(y[0], y[1]) - drag * moving * np.sign(y[1])) / mass]
 
-    places = [rest + x for x in scene.elasticity.table.positions] + _kinks(scene)
-    events = [lambda _t, y, at=at: y[0] - at for at in places]
-    events += [lambda _t, y, at=at: y[1] - at for at in scene.damping.table.rates]
-    events += [lambda _t, y: y[1]] if drag > 0.0 else []
-    events += [lambda _t, y, of=each: _push(scene, of, y[0], y[1]) for each in _sides(scene)]
-    for event in events:
+    functions: list[Event] = [_passes(0, rest + x) for x in scene.elasticity.table.positions]
+    functions += [_passes(0, x) for x in _kinks(scene)]
+    functions += [_passes(1, v) for v in (*scene.damping.table.rates, *((0.0,) if drag else ()))]
+    functions += [_leaves(scene, each) for each in _sides(scene)]
+    for event in functions:
         event.terminal = True  # type: ignore[attr-defined]
     t, y, moving = 0.0, [start, rate], 1.0
     while t < end:
@@ -62,13 +67,23 @@ def slide(scene: Scene, start: float, rate: float, push: float, drag: float, end
         if t >= end:
             break
         found = solve_ivp(
-            rates, (t, end), y, method="DOP853", events=events, rtol=1e-12, atol=1e-14
+            rates, (t, end), y, method="DOP853", events=functions, rtol=1e-12, atol=1e-14
         )
         t, y = float(found.t[-1]), [float(each) for each in found.y[:, -1]]
     return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf)
 
 
-def _runge_kutta(rates, t, y, h):  # type: ignore[no-untyped-def]
+def _passes(k: int, at: float) -> Event:
+    """Event: position (k = 0) or rate (1) passes a value."""
+    return lambda _t, y: y[k] - at
+
+
+def _leaves(scene: Scene, stop: tuple[float, float]) -> Event:
+    """Event: the force of a compliant stop would change its sign."""
+    return lambda _t, y: _push(scene, stop, y[0], y[1])
+
+
+def _runge_kutta(rates: Rates, t: float, y: list[float], h: float) -> list[float]:
     y0 = np.array(y)
     k1 = np.array(rates(t, y0))
     k2 = np.array(rates(t + h / 2, y0 + h / 2 * k1))
@@ -77,7 +92,9 @@ def _runge_kutta(rates, t, y, h):  # type: ignore[no-untyped-def]
     return [float(each) for each in y0 + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)]
 
 
-def _by_table(points, values, extrapolation, x):  # type: ignore[no-untyped-def]
+def _by_table(
+    points: tuple[float, ...], values: tuple[float, ...], extrapolation: str, x: float
+) -> float:
     if not points:
         return 0.0
     if extrapolation == "linear" and not points[0] <= x <= points[-1]:
@@ -89,12 +106,12 @@ def _by_table(points, values, extrapolation, x):  # type: ignore[no-untyped-def]
 
 def _elastic(scene: Scene, u: float) -> float:
     t = scene.elasticity.table
-    return -scene.elasticity.k1 * u - _by_table(t.positions, t.forces, t.extrapolation, u)  # type: ignore[no-untyped-call, no-any-return]
+    return -scene.elasticity.k1 * u - _by_table(t.positions, t.forces, t.extrapolation, u)
 
 
 def _viscous(scene: Scene, v: float) -> float:
     t = scene.damping.table
-    return -scene.damping.c1 * v - _by_table(t.rates, t.forces, t.extrapolation, v)  # type: ignore[no-untyped-call, no-any-return]
+    return -scene.damping.c1 * v - _by_table(t.rates, t.forces, t.extrapolation, v)
 
 
 def _sides(scene: Scene) -> list[tuple[float, float]]:

@@ -77,10 +77,10 @@ def _check_served(scene: SceneFields) -> None:
 def _bounds(scene: SceneFields) -> tuple[str, ...]:
     """What a method without limits does not model: compliant stops are forces, which all have."""
     slide, spin = scene.stops.compliant
-    compliant = ("stops.l_", "stops.stiffness", "stops.damping") if slide else ()
-    compliant += ("stops.theta_", "stops.rotational_") if spin else ()
-    rigid = tuple(f"stops.{f.name}" for f in dataclasses.fields(scene.stops))
-    return (*BOUNDS[1:], *(name for name in rigid if not name.startswith(compliant or ("\0",))))
+    compliant = ["stops.l_", "stops.stiffness", "stops.damping"] if slide else []
+    compliant += ["stops.theta_", "stops.rotational_"] if spin else []
+    rigid = [f"stops.{f.name}" for f in dataclasses.fields(scene.stops)]
+    return (*BOUNDS[1:], *(name for name in rigid if not name.startswith(tuple(compliant))))
 
 
 def _check_observe(scene: SceneFields) -> None:
