@@ -30,11 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.layout import MOST_POINTS
 
 Array = NDArray[np.float64]
 
 # --- numbers of both components (SIZE,), from model.ELEMENTS ---
-MOST_POINTS: Final = 16  # of a table
 _TABLE: Final = 2 + 2 * MOST_POINTS  # number of points, whether constant beyond, points, values
 _COMPONENT: Final = 7 + 2 * _TABLE
 SIZE: Final = 2 + 2 * _COMPONENT  # the first two: whether slide, spin has any element

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from cylconn_ros.core.layout import MOST_POINTS
 from cylconn_ros.errors import ModelError
 from cylconn_ros.importing.deck import Block, Units
 from cylconn_ros.importing.scene_text import Draft
 
 SLIDE, SPIN = 1, 4
-MOST_POINTS = 16  # of a table
 
 
 def put(draft: Draft, blocks: Sequence[Block], name: str, scale: Units) -> None:

@@ -1,4 +1,4 @@
-"""Tables of springs and dampers, and compliant stops: their numbers, and the rules for them."""
+"""Tables of springs and dampers, and compliant stops of a scene, and the rules for them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-
-from cylconn_ros.core import elements
+from cylconn_ros.core.layout import MOST_POINTS
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.behaviour import Stops
 from cylconn_ros.scene.bodies import Body
 from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import show
-
-Array = NDArray[np.float64]
 
 # What a period h carries, as multiples of m/h^2 and m/h, m the mass that slides. Solved steps keep
 # the energy of a spring at any stiffness; beyond 10 they skip most of what the spring does. Methods
@@ -99,22 +95,6 @@ def has_elements(scene: SceneFields) -> bool:
     return any(scene.stops.compliant) or any(table.points for table in tables)
 
 
-def pack_elements(scene: SceneFields) -> Array:
-    """The numbers of core/elements.py, (SIZE,)."""
-    par = np.zeros(elements.SIZE)
-    tables = zip(spring_tables(scene), damper_tables(scene), strict=True)
-    for k, (spring, damper) in enumerate(tables):
-        at, stops = elements.first_of(k), compliant_stops(scene.stops, k)
-        par[k] = bool(spring.points or damper.points or stops.stiffness > 0.0)
-        par[at : at + 5] = stops
-        par[at + elements.STEEPEST] = max([stops.stiffness, *spring.slopes])
-        par[at + elements.STEEPEST + 1] = max([stops.damping, *damper.slopes])
-        for first, table in ((elements.SPRING, spring), (elements.DAMPER, damper)):
-            numbers = elements.pack_table(table.points, table.values, table.constant)
-            par[at + first : at + first + len(numbers)] = numbers
-    return par
-
-
 def check_elements(scene: SceneFields) -> None:
     """Raise :class:`SceneError` for tables and compliant stops that cannot be."""
     for table in spring_tables(scene):
@@ -136,9 +116,9 @@ def _check_table(table: Table) -> None:
         )
     if not table.points:
         return
-    if not 2 <= len(table.points) <= elements.MOST_POINTS:
+    if not 2 <= len(table.points) <= MOST_POINTS:
         raise SceneError(
-            f"{points} = {show(table.points)}: must be 2 to {elements.MOST_POINTS} numbers "
+            f"{points} = {show(table.points)}: must be 2 to {MOST_POINTS} numbers "
             f"({len(table.points)} given)"
         )
     if any(not low < high for low, high in itertools.pairwise(table.points)):
