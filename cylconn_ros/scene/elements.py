@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+
 from cylconn_ros.core.layout import MOST_POINTS
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import TRAITS

@@ -225,7 +225,7 @@ def _penalty(scene: Scene, method: str) -> list[float]:
     ]
 
 
-def _elements(scene: SceneFields) -> Array:
+def _elements(scene: Scene) -> Array:
     """The numbers of core/elements.py, (SIZE,)."""
     par = np.zeros(elements.SIZE)
     tables = zip(spring_tables(scene), damper_tables(scene), strict=True)
