@@ -9,7 +9,7 @@ from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function
 from cylconn_ros.core.relative_state import measure
 from cylconn_ros.methods.coupled.constraints import PUSH, SOLUTION, E
-from cylconn_ros.methods.coupled.contacts import END
+from cylconn_ros.methods.coupled.contacts import END, FRICTION, REACTION
 from cylconn_ros.methods.dispatch import begin
 from cylconn_ros.methods.free_axes.complementarity import ReducedStep
 from cylconn_ros.methods.free_axes.elements import (
@@ -44,7 +44,12 @@ def settled_about(
     o = measure(par, mem, sample, h, out)
     linearise_about(mem, (about[0], about[1]), 1.0)
     end = (prepared[SOLUTION + END], prepared[SOLUTION + END + 1])
-    if are_settled(par, mem, o, r, h, end):
+    at = SOLUTION + FRICTION
+    others = (
+        abs(prepared[at]) + abs(prepared[SOLUTION + REACTION]),
+        abs(prepared[at + 1]) + abs(prepared[SOLUTION + REACTION + 1]),
+    )
+    if are_settled(par, mem, o, r, h, end, others):
         return True
     one, two = add_elements(par, mem, o, r, h)
     linearise_about(mem, end, share)

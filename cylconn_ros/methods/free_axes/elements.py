@@ -94,14 +94,17 @@ def _total(f: ElementForces) -> float:
 
 @device_function
 def are_settled(
-    par: Array, mem: Array, o: RelativeState, r: ReducedStep, h: float, end: Two
+    par: Array, mem: Array, o: RelativeState, r: ReducedStep, h: float, end: Two, others: Two
 ) -> bool:
-    """Whether the linearised forces are those of the rates ``end`` that the step has found."""
+    """Whether the linearised forces are those of the rates ``end`` that the step has found.
+
+    ``others``: sizes of friction and reactions, whose rounding the rates have.
+    """
     for k in range(2):
         at = mem[model.END_RATES + k]
         here, there = _over_step(par, mem, o, r, h, k, at), _over_step(par, mem, o, r, h, k, end[k])
         change = -here.slope * (end[k] - at)
-        size = abs(there.spring) + abs(there.damper) + abs(there.stop)
+        size = abs(there.spring) + abs(there.damper) + abs(there.stop) + others[k]
         size += max(here.slope, there.slope) * (abs(at) + abs(end[k]))
         if there.spring != 0.0 or there.stop != 0.0:  # rounding of the position
             stiff = par[model.ELEMENTS + elements.first_of(k) + elements.STEEPEST]

@@ -97,7 +97,11 @@ def solve_free_axes(
         else:
             found = _solve_undriven(par, mem, o, r, q, h, explicit)
         count += 1
-        if not elastic or are_settled(par, mem, o, r, h, found.solved.end):
+        if not elastic:
+            break
+        f, p = found.solved.friction, found.solved.reaction
+        others = (abs(f[0]) + abs(p[0]), abs(f[1]) + abs(p[1]))
+        if are_settled(par, mem, o, r, h, found.solved.end, others):
             break
         if count == MOST_SOLUTIONS:
             break
