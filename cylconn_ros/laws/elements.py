@@ -66,6 +66,13 @@ class Curve(NamedTuple):
         width = np.diff(x)
         return float(np.sum(0.5 * width * (y[1:] + y[:-1])) / np.sum(width))
 
+    def terms(self, x: float) -> float:
+        """The greater of the values at the knots next to x, between which it is interpolated."""
+        if len(self.x) == 0:
+            return 0.0
+        after = min(max(int(np.searchsorted(self.x, x)), 1), len(self.x) - 1)
+        return float(np.max(np.abs(self.y[after - 1 : after + 1])))
+
     @property
     def steepest(self) -> float:
         """The greatest slope, without sign."""
@@ -276,10 +283,12 @@ class _One:
         spring, damper = self.parts()
         far = self.x_size + self.h * self.w_size
         below = e.spring.steepest + stiff
+        path, rate = self.path(self.end)
+        knots = max(e.spring.terms(self.u + at) for at in path)
         sizes = [
-            (out[_FIRST[k]] - spring - f.spring, below * far + abs(f.spring)),
+            (out[_FIRST[k]] - spring - f.spring, below * far + knots),
             (out[_VISCOUS[k]] - damper - f.damper,
-             (e.damper.steepest + damp) * self.w_size + abs(f.damper)),
+             (e.damper.steepest + damp) * self.w_size + e.damper.terms(rate)),
         ]  # fmt: skip
         if e.stops:
             size = abs(f.stop) + e.push.steepest * far
