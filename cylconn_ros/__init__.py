@@ -43,6 +43,12 @@ if TYPE_CHECKING:
     )
     from cylconn_ros.scene.resources import shipped, shipped_scenes
     from cylconn_ros.scene.scene import Scene, load
+    from cylconn_ros.scene.tables import (
+        DamperTable,
+        RotationalDamperTable,
+        RotationalSpringTable,
+        SpringTable,
+    )
     from cylconn_ros.simulation.run import Run
     from cylconn_ros.simulation.simulate import simulate, sweep
 
@@ -86,6 +92,12 @@ _MODULES = {
     ),
     "scene.resources": ("shipped", "shipped_scenes"),
     "scene.scene": ("Scene", "load"),
+    "scene.tables": (
+        "SpringTable",
+        "RotationalSpringTable",
+        "DamperTable",
+        "RotationalDamperTable",
+    ),
     "simulation.run": ("Run",),
     "simulation.simulate": ("simulate", "sweep"),
 }
@@ -98,6 +110,7 @@ __all__ = [
     "Command",
     "Connector",
     "CylconnError",
+    "DamperTable",
     "Damping",
     "Elasticity",
     "Friction",
@@ -115,9 +128,12 @@ __all__ = [
     "Record",
     "RecordingError",
     "Reference",
+    "RotationalDamperTable",
+    "RotationalSpringTable",
     "Run",
     "Scene",
     "SceneError",
+    "SpringTable",
     "StepResult",
     "Stops",
     "UnknownNameError",

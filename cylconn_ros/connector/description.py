@@ -5,6 +5,7 @@ import math
 from cylconn_ros.connector.synchronized_sample import UnknownFrame
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.behaviour import INPUTS
+from cylconn_ros.scene.elements import damper_tables, spring_tables
 from cylconn_ros.scene.inputs import BODIES, carrier
 from cylconn_ros.scene.scene import Friction, Scene
 from cylconn_ros.scene.schema import show
@@ -103,10 +104,16 @@ def _on_free_components(scene: Scene) -> list[tuple[str, bool]]:
         for value in (motion.position, motion.velocity, motion.force)
     ]
     offset_force = scene.friction.offset_force
+    tables = [any(table.points for table in of(scene)) for of in (spring_tables, damper_tables)]
+    soft = ["slide", "spin"] if all(stops.compliant) else ["slide"] if stops.compliant[0] else []
+    soft = soft or (["spin"] if stops.compliant[1] else [])
     return [
-        ("springs", spring.k1 > 0.0 or spring.kr1 > 0.0),
-        ("dampers", damper.c1 > 0.0 or damper.cr1 > 0.0),
-        ("stops", not all(map(math.isnan, bounds))),
+        ("springs by table" if tables[0] else "springs",
+         spring.k1 > 0.0 or spring.kr1 > 0.0 or tables[0]),
+        ("dampers by table" if tables[1] else "dampers",
+         damper.c1 > 0.0 or damper.cr1 > 0.0 or tables[1]),
+        (f"stops, compliant on {' and '.join(soft)}" if soft else "stops",
+         not all(map(math.isnan, bounds))),
         (f"lock of {lock.component}" if lock.component != "none" else "lock",
          lock.component != "none"),
         ("imposed motion or force", not all(map(math.isnan, imposed))),

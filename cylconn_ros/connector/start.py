@@ -20,14 +20,14 @@ def start_warnings(connector: Connector) -> list[str]:
     if not TRAITS[connector.method].has_limits:
         return found
     stops, reference = scene.stops, scene.reference
-    for start, name, (low, high), what, unit, speed in (
-        (memory[model.LENGTH0], "l", (stops.l_min, stops.l_max), "slide", "m",
-         f"reference.pull_in_speed ({reference.pull_in_speed:g} m/s)"),
-        (memory[model.ANGLE0], "theta", (stops.theta_min, stops.theta_max), "spin", "rad",
-         f"reference.pull_in_rate ({reference.pull_in_rate:g} rad/s)"),
+    for soft, start, name, (low, high), what, unit, speed in (
+        (stops.compliant[0], memory[model.LENGTH0], "l", (stops.l_min, stops.l_max),
+         "slide", "m", f"reference.pull_in_speed ({reference.pull_in_speed:g} m/s)"),
+        (stops.compliant[1], memory[model.ANGLE0], "theta", (stops.theta_min, stops.theta_max),
+         "spin", "rad", f"reference.pull_in_rate ({reference.pull_in_rate:g} rad/s)"),
     ):  # fmt: skip
         for end, stop, beyond in (("min", low, low - start), ("max", high, start - high)):
-            if beyond > _RESOLUTION:  # False if the stop is not given
+            if beyond > _RESOLUTION and not soft:  # False if the stop is not given
                 found.append(
                     f"{what} starts at {start:.6g} {unit}, beyond stops.{name}_{end} ({stop:g} "
                     f"{unit}): it is pulled in at no more than {speed}; check the initial pose or "

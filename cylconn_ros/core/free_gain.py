@@ -41,6 +41,7 @@ MISMATCH: Final = 0.2
 ARRIVED: Final = 0.8
 ABRUPT: Final = 0.5  # change of the change over the change
 LEAST_CHANGE: Final = 0.1  # over the greatest force of late
+ROUNDING: Final = 1e-9
 GREATEST_FORGOTTEN: Final = 0.002  # share per period
 RETURNED: Final = 0.5  # share of a change that must remain until it has arrived
 MOST_PERIODS: Final = 16
@@ -167,7 +168,10 @@ def update_gain(par: Array, mem: Array, v1: float, w1: float, h: float) -> None:
     if stored == _AGAIN:
         mem[at + _LAST_CHANGE], mem[at + _LAST_CHANGE + 1] = 0.0, 0.0
         return
-    mem[at + _ALPHA] = _learnt(mem, alpha, a, change, last, seen, _size(a, sent[0], sent[1]))
+    # a change that is rounding beside the force that would end the motion tells nothing
+    least = ROUNDING * _size(a, (a[2] * v1 - a[1] * w1) / det, (a[0] * w1 - a[1] * v1) / det)
+    force = max(_size(a, sent[0], sent[1]), least)
+    mem[at + _ALPHA] = _learnt(mem, alpha, a, change, last, seen, force)
 
 
 @inline_function

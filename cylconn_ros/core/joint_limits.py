@@ -173,6 +173,14 @@ def has_stops(par: Array, k: int) -> bool:
 
 
 @inline_function
+def stop_bits(side: int) -> int:
+    """Stop of a component that is in contact: 1 the lower, 2 the upper, 0 none."""
+    if side < 0:
+        return 1
+    return 2 if side > 0 else 0
+
+
+@inline_function
 def gap_of(par: Array, k: int, x: float, side: int) -> float:
     """Distance of component k at x from its lower (-1) or upper (1) stop."""
     at = model.STOPS + 2 * k

@@ -17,6 +17,7 @@ A_LOAD: Final = 26  # force (N), torque about the origin (N.m), world axes, besi
 B_LOAD: Final = 32
 NSAMPLE: Final = 38
 MAX_LATENCY: Final = 20  # periods between a sample and the action of its wrench
+MOST_POINTS: Final = 16  # of a table of a spring or a damper
 SENT_PERIODS: Final = MAX_LATENCY + 12  # periods of which the sent wrenches are kept
 MOTION: Final = slice(0, 26)  # the part of a sample that is the plant's state
 LOADS: Final = slice(26, 38)

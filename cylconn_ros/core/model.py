@@ -8,6 +8,7 @@ sections of PAR as named tuples. Constants are the index of the first number of 
 import math
 from typing import Final, NamedTuple
 
+from cylconn_ros.core import elements
 from cylconn_ros.core.friction import SIZE, Array, Law, unpack
 from cylconn_ros.core.jit import inline_function
 from cylconn_ros.core.kinematics import Nodes
@@ -50,7 +51,8 @@ DRIVE: Final = CONSTRAINT + 1  # of slide, of spin: greatest force or moment (in
 #                                speed of approach of an imposed position
 OVERLAP: Final = DRIVE + 4  # how the contact changes with the slide: see core/overlap.py
 OFFSET: Final = OVERLAP + 6  # of slide, of spin: constant force (N), moment that resists them
-TABLE: Final = OFFSET + 2  # of the friction coefficient: rates, forces, values
+ELEMENTS: Final = OFFSET + 2  # tables of springs and dampers, compliant stops: core/elements.py
+TABLE: Final = ELEMENTS + elements.SIZE  # of the friction coefficient: rates, forces, values
 
 # --- MEM ---
 HAS_REFERENCE: Final = 0  # whether the reference configuration is defined
@@ -146,7 +148,9 @@ REFUTED: Final = LATENCIES + 1  # whether the measured latency replaces the decl
 CONFIRMED: Final = REFUTED + 1  # intervals in succession that confirm a refuted latency
 PASSIVITY_CONTROLLER: Final = CONFIRMED + 1  # 8 x 20: of offsets, swings, slide, spin;
 #                             oscillations of both offsets, swings (methods/passivity_controller.py)
-NMEM: Final = PASSIVITY_CONTROLLER + 160
+END_RATES: Final = PASSIVITY_CONTROLLER + 160  # 2: rates at the end of the step about which tables
+#                             and compliant stops are linearised (free_axes/elements.py)
+NMEM: Final = END_RATES + 2
 
 
 class Output(NamedTuple):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.delay import is_delayed
 from cylconn_ros.core.driven_acceleration import update_acceleration
+from cylconn_ros.core.elements import element_energy
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
 from cylconn_ros.core.kinematics import (
@@ -306,10 +307,15 @@ def _store_reference(par: Array, mem: Array, position: Vector, angle: float) -> 
 
 @inline_function
 def spring_energy_of(par: Array, mem: Array, length: float, angle: float) -> float:
-    """Energy in the springs on slide and spin, J."""
+    """Energy in the springs and compliant stops on slide and spin, J."""
     u1 = length - model.value_or(par[model.REFERENCE + 2], mem[model.LENGTH0])
     ur = angle - model.value_or(par[model.REFERENCE + 3], mem[model.ANGLE0])
-    return 0.5 * (par[model.ELASTICITY] * u1 * u1 + par[model.ELASTICITY + 1] * ur * ur)
+    stored = 0.5 * (par[model.ELASTICITY] * u1 * u1 + par[model.ELASTICITY + 1] * ur * ur)
+    if par[model.ELEMENTS] != 0.0:
+        stored += element_energy(par, model.ELEMENTS, 0, u1, length)
+    if par[model.ELEMENTS + 1] != 0.0:
+        stored += element_energy(par, model.ELEMENTS, 1, ur, angle)
+    return stored
 
 
 @inline_function

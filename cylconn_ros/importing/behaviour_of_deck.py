@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from cylconn_ros.core.layout import MOST_POINTS
 from cylconn_ros.errors import ModelError
 from cylconn_ros.importing.deck import Block, Units
 from cylconn_ros.importing.scene_text import Draft
@@ -59,9 +60,12 @@ def _part(draft: Draft, block: Block, scale: Units) -> None:
         return
     if kind in ("ELASTICITY", "DAMPING"):
         plain = not {"NONLINEAR", "RIGID", "TYPE"} & set(block.parameters)
+        elastic = kind == "ELASTICITY"
+        if "NONLINEAR" in block.parameters:
+            _table(draft, block, elastic, slides, effort, unit / (1.0 if elastic else scale.time))
+            return
         if not plain or len(block.data) != 1:
             return
-        elastic = kind == "ELASTICITY"
         names = ("k1", "kr1") if elastic else ("c1", "cr1")
         name = f"{'elasticity' if elastic else 'damping'}.{names[0] if slides else names[1]}"
         time = 1.0 if elastic else scale.time
@@ -76,6 +80,20 @@ def _part(draft: Draft, block: Block, scale: Units) -> None:
         block.used = True
     elif kind == "LOCK":
         _lock(draft, block, slides, unit, effort)
+
+
+def _table(
+    draft: Draft, block: Block, elastic: bool, slides: bool, effort: float, unit: float
+) -> None:
+    """Nonlinear elasticity or damping: a force and a position, or a rate, in each line."""
+    rows = [block.numbers(k)[:2] for k in range(len(block.data))]
+    if not 2 <= len(rows) <= MOST_POINTS or any(len(row) < 2 for row in rows):
+        return
+    group = f"{'elasticity' if elastic else 'damping'}.{'' if slides else 'rotational_'}table"
+    points = ("positions" if slides else "angles") if elastic else "rates"
+    draft.put(f"{group}.{points}", [x * unit for _, x in rows])
+    draft.put(f"{group}.{'forces' if slides else 'moments'}", [force * effort for force, _ in rows])
+    block.used = True
 
 
 def _lock(draft: Draft, block: Block, slides: bool, unit: float, effort: float) -> None:

@@ -75,11 +75,15 @@ def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
 def gains(block: Block, o: SampleState, s: Step, most_turn: float = MOST_TURN) -> Gains:
     """Energy that the published wrenches put into the bodies."""
     p, out = block.parameters, block.out
+    if block.elements is not None:
+        p, out = block.elements.original
     with np.errstate(all="ignore"):
         a = _path(p, p.a, o.a, block.sample[:, layout.A_LOAD : layout.B_LOAD], out[:, 0:6])
         b = _path(p, p.b, o.b, block.sample[:, layout.B_LOAD :], out[:, 6:12])
         gain, exchanged = a.work + b.work, np.abs(a.work) + np.abs(b.work)
-        stored, drive = _springs_and_drives(p, o, out, a.end, b.end)
+        stored, drive, moved = _springs_and_drives(p, o, out, a.end, b.end)
+        if block.elements is not None:
+            stored = stored + block.elements.stored(moved)
         share = _sent_share(p, o, s, out)  # a scaled spring exchanges a share of its energy
         stored, drive = share * stored, share * drive
         gain = gain + stored - drive
@@ -93,6 +97,8 @@ def gains(block: Block, o: SampleState, s: Step, most_turn: float = MOST_TURN) -
         applies = (far > LEAST_TURN) & (turn < most_turn) & np.isfinite(gain)
         # the reaction of a drive that a stop can hold back is not all its own
         held_back = np.isfinite(p.stops).any(axis=2) & p.imposed
+        if block.elements is not None:
+            held_back |= block.elements.compliant & p.imposed
         applies &= ~held_back.any(axis=1)
     if WITHOUT_STOPS:
         applies &= (out[:, layout.STOP] == 0) & (out[:, layout.RESTITUTION] == 0.0)
@@ -150,8 +156,8 @@ def _pull_in_energy(p: Parameters, o: SampleState, s: Step) -> Array:
 
 def _springs_and_drives(
     p: Parameters, o: SampleState, out: Array, a: Motion, b: Motion
-) -> tuple[Array, Array]:
-    """(n,) change of spring energy, and work of imposed forces and motions in the step, J."""
+) -> tuple[Array, Array, Array]:
+    """(n,) change of spring energy, work of imposed forces and motions in the step, J; motion."""
     f = frame(p, a, b, o.swing)
     arm = f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node)
     slid = rigid.dot(f.axes[:, :, 0], arm) - o.position[:, 0]
@@ -163,7 +169,7 @@ def _springs_and_drives(
     imposed = ~(np.isnan(p.command[:, :, 0]) & np.isnan(p.command[:, :, 1]))
     drive = out[:, [layout.FORCE_ACTUATION, layout.MOMENT_ACTUATION]]
     reaction = out[:, [layout.FORCE_REACTION, layout.MOMENT_REACTION]]
-    return stored, np.sum((drive + np.where(imposed, reaction, 0.0)) * moved, axis=1)
+    return stored, np.sum((drive + np.where(imposed, reaction, 0.0)) * moved, axis=1), moved
 
 
 def _path(p: Parameters, body: Bodies, m: Motion, load: Array, wrench: Array) -> _Path:

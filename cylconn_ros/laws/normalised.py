@@ -29,6 +29,7 @@ class Block:
     past: History  # before each sample
     others: Array | None = None  # (n, 12) wrenches of connectors on the same bodies (together.py)
     near: Any = None  # Approach of the samples to their stops (approach.py), if it is known
+    elements: Any = None  # Substitution of tables and compliant stops (elements.py), if it is known
 
 
 def ratio(value: Array, size: Array) -> Array:

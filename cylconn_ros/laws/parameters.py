@@ -204,11 +204,15 @@ def _centre_slope(friction: Friction) -> float:
 
 
 def _stops(scene: Scene) -> list[list[float]]:
+    """Rigid stops; the compliant ones are elements (elements.py)."""
     given = scene.stops
     pairs = (given.l_min, given.l_max), (given.theta_min, given.theta_max)
     return [
-        [-math.inf if math.isnan(low) else low, math.inf if math.isnan(high) else high]
-        for low, high in pairs
+        [
+            -math.inf if math.isnan(low) or soft else low,
+            math.inf if math.isnan(high) or soft else high,
+        ]
+        for (low, high), soft in zip(pairs, given.compliant, strict=True)
     ]
 
 

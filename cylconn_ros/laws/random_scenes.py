@@ -98,7 +98,64 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
     if values["friction"].get("overlap", 0.0) > LEAST_CHANGING_OVERLAP:
         values["friction"] |= _overlap(generator(seed, number, 2), values["friction"]["overlap"])
     _details(generator(seed, number, 3), values, weight)
+    _elements(generator(seed, number, 4), values, mass, inertia)
     return Scene.from_parameters(values)
+
+
+def _elements(rng: Random, values: dict[str, Any], mass: float, inertia: float) -> None:
+    """Tables of springs and dampers in a quarter of the scenes; some of the stops are compliant."""
+    h = values["period"]
+    limits, free = values.get("stops", {}), [values[b] for b in ("body_a", "body_b")]
+    free = [body for body in free if body["kind"] == "free"]
+    least = min(body["mass"] for body in free)
+    for k, (points, forces, name, moved) in enumerate((
+        ("positions", "forces", "table", min(mass, least)),
+        ("angles", "moments", "rotational_table", min(inertia, *map(_least, free))),
+    )):  # fmt: skip
+        stiff, damp = moved / h**2, moved / h
+        if rng.random() < 0.12:
+            x = np.cumsum(decades(rng, -6.0, 0.0, int(rng.integers(2, 7))))
+            x -= x[int(rng.integers(len(x)))]
+            slopes = stiff * decades(rng, -6.0, 0.5, len(x) - 1) * rng.choice([0.0, 1.0, 1.0])
+            y = np.concatenate([[0.0], np.cumsum(slopes * np.diff(x))])
+            y += y[-1] * rng.choice([0.0, 0.0, -0.5, 1.0])
+            values.setdefault("elasticity", {})[name] = {
+                points: _list(x), forces: _list(y), "extrapolation": _beyond(rng),
+            }  # fmt: skip
+        if rng.random() < 0.12:
+            x = np.cumsum(decades(rng, -3.0, 1.0, int(rng.integers(2, 7))))
+            x -= x[int(rng.integers(len(x)))]
+            y = np.concatenate([
+                [0.0], np.cumsum(damp * decades(rng, -5.0, 0.5, len(x) - 1) * np.diff(x))
+            ])  # fmt: skip
+            y -= y[int(np.argmin(np.abs(x)))]
+            values.setdefault("damping", {})[name] = {
+                "rates": _list(x), forces: _list(y), "extrapolation": _beyond(rng),
+            }  # fmt: skip
+        component = ("slide", "spin")[k]
+        moves = values.get("command", {}).get(component, {}).keys() & {"position", "velocity"}
+        held = moves or values.get("lock", {}).get("component") == component
+        soft = rng.random() < 0.4 and not held  # else the sizes of both forces are not known
+        if soft and any(end.startswith(("l_", "theta_")[k]) for end in limits):
+            prefix = ("", "rotational_")[k]
+            limits[f"{prefix}stiffness"] = float(stiff * decades(rng, -6.0, 0.5))
+            if rng.random() < 0.7:
+                limits[f"{prefix}damping"] = float(damp * decades(rng, -5.0, 0.5))
+                limits[f"{prefix}damping_depth"] = float(decades(rng, -6.0, 0.0))
+    ends = [end for end in ("l_min", "l_max") if "stiffness" not in limits]
+    ends += [end for end in ("theta_min", "theta_max") if "rotational_stiffness" not in limits]
+    if not any(end in limits for end in ends):
+        limits.pop("restitution", None)
+
+
+def _beyond(rng: Random) -> str:
+    """How a table goes on beyond its ends."""
+    return str(rng.choice(["constant", "linear"]))
+
+
+def _least(body: dict[str, Any]) -> float:
+    """Least moment of inertia of a body."""
+    return least_moment(body["inertia"])
 
 
 def _within_reach(values: dict[str, Any]) -> float:

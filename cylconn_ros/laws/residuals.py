@@ -47,6 +47,8 @@ def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict
         alone = block.others is None  # stated for the wrenches of one connector
         gains = never_gains.residual(block, o, s, in_order) if alone else np.full(len(p.h), np.nan)
         found["never_gains"] = gains
+    if block.elements is not None:
+        found["balance"] = np.maximum(found["balance"], block.elements.residual)
     usable = np.all(np.isfinite(block.out), axis=1) & (block.out[:, layout.STATUS] == 0)
     found["balance"] = np.maximum(found["balance"], np.where(usable, 0.0, np.inf))
     return {law: found[law] for law in guaranteed_laws(method)}

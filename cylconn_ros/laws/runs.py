@@ -27,6 +27,7 @@ from cylconn_ros.laws.bounds import (
     motion_bounds,
     next_bounds_history,
 )
+from cylconn_ros.laws.elements import block_of, substituted
 from cylconn_ros.laws.friction import at_sample
 from cylconn_ros.laws.guarantees import title
 from cylconn_ros.laws.normalised import TOLERANCE, Block
@@ -101,9 +102,16 @@ class RunSamples:
         sample, out = self.sample[low:high], self.out[low:high]
         tables = tables_of([self.scene])
         others = None if self.others is None else self.others[low:high]
-        past, near = _history(p, one, tables, sample, out, self.since[low:high], others)
-        p = at_sample(p, state_of(p, sample, past))
-        return Block(p, tables, sample, out, past, others, near)
+        past = _history(p, one, sample, out, self.since[low:high])
+        o = state_of(p, sample, past)
+        block = Block(at_sample(p, o), tables, sample, out, past, others)
+        of = np.zeros(high - low, dtype=np.intp)
+        found = substituted([self.scene], of, block.parameters, o, sample, out, others, self.method)
+        block = block_of(block, found)
+        if one.bounded[0]:
+            p = block.parameters
+            block.past, block.near = _with_bounds(p, tables, sample, block.out, past, others)
+        return block
 
 
 NO_LOADS = (0.0,) * 12
@@ -193,19 +201,8 @@ def check_recording(
     return recorded, summary
 
 
-def _history(
-    p: Parameters,
-    one: Parameters,
-    tables: Sequence[FrictionTable],
-    sample: Array,
-    out: Array,
-    since: Array,
-    others: Array | None,
-) -> tuple[History, Approach | None]:
-    """The history before each sample of one connector, from its reference configuration on.
-
-    Also what slide and spin do at stops, if the scene has bounds.
-    """
+def _history(p: Parameters, one: Parameters, sample: Array, out: Array, since: Array) -> History:
+    """The history before each sample of one connector, from its reference configuration on."""
     n = len(sample)
     first = next_history(one, state_of(one, sample[:1], no_history(1)), no_history(1), out[:1])
     past = first.take(np.zeros(n, dtype=np.intp))
@@ -226,9 +223,7 @@ def _history(
             past.held[k] = o.position[k - 1]
     if not np.isnan(one.gains[0, 4]):
         _set_elastic_slip(p, sample, out, past)
-    if not one.bounded[0]:
-        return past, None
-    return _with_bounds(at_sample(p, o), tables, sample, out, past, others)
+    return past
 
 
 def _set_elastic_slip(p: Parameters, sample: Array, out: Array, past: History) -> None:

@@ -19,6 +19,7 @@ from cylconn_ros.core import layout
 from cylconn_ros.laws import elastic, random_scenes, random_states, rigid
 from cylconn_ros.laws.balance import applied_wrench
 from cylconn_ros.laws.bounds import next_bounds_history
+from cylconn_ros.laws.elements import block_of, substituted
 from cylconn_ros.laws.friction import at_sample
 from cylconn_ros.laws.normalised import Block
 from cylconn_ros.laws.parameters import parameters_of, tables_of
@@ -96,7 +97,10 @@ def blocks(
             connector.memory = memory[row]
             connector.step(sample[row], out=out[row])
             memory[row] = connector.memory
-        block = Block(at_sample(p, state_of(p, sample, past)), tables, sample, out, past)
+        o = state_of(p, sample, past)
+        block = Block(at_sample(p, o), tables, sample, out, past)
+        found = substituted(scenes, of, block.parameters, o, sample, out, None, method)
+        block = block_of(block, found)
         yield SampledBlock(block, np.asarray(numbers)[of], chain, np.full(len(of), index))
         sample, past = _next(rng, block, names)
 

@@ -14,7 +14,7 @@ along -s for the traction P, whose least solution is used (core/traction.py).
 Limitations: no stick. Below v0 the law is viscous, so that a loaded sleeve creeps. Since the slip
 velocity is that of the sample, friction is limited to the force that removes the slip within the
 period: with a small v0 a load creeps at the speed that it gains in a period. If no finite P exists
-(jam), this bound acts. There are no stops, locks or imposed motion, since events cannot be
+(jam), this bound acts. There are no rigid stops, locks or imposed motion, since events cannot be
 expressed by an acceleration. First order, since the wrench is that of the start of the period.
 """
 
@@ -25,7 +25,7 @@ from cylconn_ros.core.delassus import in_swing_axes, of_body, sum_of_bodies
 from cylconn_ros.core.delay import feedback_gain
 from cylconn_ros.core.friction import Array, coefficient, contact, limit, share_of
 from cylconn_ros.core.jit import device_function
-from cylconn_ros.core.joint_limits import imposed_force
+from cylconn_ros.core.joint_limits import imposed_force, stop_bits
 from cylconn_ros.core.kinematics import Frame, Twist, into_swung
 from cylconn_ros.core.output_wrenches import write_contact, write_forces, write_wrenches
 from cylconn_ros.core.relative_state import RelativeState, measure
@@ -46,6 +46,7 @@ from cylconn_ros.core.vectors import (
 )
 from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.impulse import constraint_residual, correction_rate, eliminate_constraint
+from cylconn_ros.methods.sampled_elements import sampled_elements
 
 FEEDBACK = 0.2  # default of alpha h and beta h
 
@@ -79,7 +80,13 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     damper = (-par[at + 2] * o.twist.v[0], -par[at + 3] * o.twist.w[0])
     drive = (imposed_force(par, 0), imposed_force(par, 1))
     mem[model.LAST_ACTUATION], mem[model.LAST_ACTUATION + 1] = drive
-    push = (spring[0] + damper[0] + drive[0], spring[1] + damper[1] + drive[1])
+    one, two = sampled_elements(par, mem, o, h, 0), sampled_elements(par, mem, o, h, 1)
+    spring = (spring[0] + one.spring, spring[1] + two.spring)
+    damper = (damper[0] + one.damper, damper[1] + two.damper)
+    push = (
+        spring[0] + damper[0] + drive[0] + one.stop,
+        spring[1] + damper[1] + drive[1] + two.stop,
+    )
     friction, flags, residual = _friction(par, mem, out, o, r, push, h)
 
     f1, m1 = push[0] + friction[0], push[1] + friction[1]
@@ -90,6 +97,8 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     out[layout.FORCE_VISCOUS], out[layout.MOMENT_VISCOUS] = damper
     out[layout.FORCE_FRICTION], out[layout.MOMENT_FRICTION] = friction
     out[layout.FORCE_ACTUATION], out[layout.MOMENT_ACTUATION] = drive
+    out[layout.FORCE_REACTION], out[layout.MOMENT_REACTION] = one.stop, two.stop
+    out[layout.STOP] = stop_bits(one.side) | stop_bits(two.side) << 2
     out[layout.ACCUMULATED_SLIP] = mem[model.ACCUMULATED_SLIP]
     out[layout.STOP_TIME] = -1.0
     out[layout.RESIDUAL] = max(

@@ -116,6 +116,7 @@ def energy_gain(
     b = _moved(par, o.body_b, o.b, halves.b, push, turn_b, lb, h)
     gain, exchanged = a.work + b.work, abs(a.work) + abs(b.work)
     elastic = par[model.ELASTICITY] != 0.0 or par[model.ELASTICITY + 1] != 0.0
+    elastic = elastic or par[model.ELEMENTS] != 0.0 or par[model.ELEMENTS + 1] != 0.0
     driven = mem[model.LAST_ACTUATION] != 0.0 or mem[model.LAST_ACTUATION + 1] != 0.0
     if elastic or driven:
         f = frame(o.nodes, a.end, b.end)

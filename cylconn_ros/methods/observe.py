@@ -18,8 +18,10 @@ import math
 from typing import NamedTuple
 
 from cylconn_ros.core import layout, model
+from cylconn_ros.core.elements import elements_over_step
 from cylconn_ros.core.friction import Array, coefficient, contact, cosine, limit, share_of
 from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.joint_limits import stop_bits
 from cylconn_ros.core.kinematics import frame, into_swung
 from cylconn_ros.core.output_wrenches import write_contact, write_forces
 from cylconn_ros.core.relative_state import measure
@@ -158,10 +160,21 @@ def _write_state(
     out[layout.FORCE_ELASTIC], out[layout.MOMENT_ELASTIC] = -par[at] * u1, -par[at + 1] * ur
     out[layout.FORCE_VISCOUS], out[layout.MOMENT_VISCOUS] = -par[at + 2] * w1, -par[at + 3] * wr
     out[layout.FORCE_ACTUATION] = -par[model.OFFSET]
+    out[layout.FORCE_REACTION] = out[layout.MOMENT_REACTION] = 0.0
+    stop = 0
+    for k in range(2):
+        if par[model.ELEMENTS + k] != 0.0:  # their means over the path, core/elements.py
+            x, v = before[k], ((out[layout.LENGTH], out[layout.ANGLE])[k] - before[k]) / dt
+            rest, first = (rest_length, rest_angle)[k], layout.FORCE_ELASTIC + 5 * k
+            e = elements_over_step(par, model.ELEMENTS, k, x - rest, x, v, v, dt, False)
+            out[first] += e.spring
+            out[first + 1] += e.damper
+            out[first + 4] = e.stop
+            stop |= stop_bits(e.side) << 2 * k
     p = force[0] - out[layout.FORCE_ELASTIC] - out[layout.FORCE_VISCOUS] + par[model.OFFSET]
     q = moment[0] - out[layout.MOMENT_ELASTIC] - out[layout.MOMENT_VISCOUS]
+    p, q = p - out[layout.FORCE_REACTION], q - out[layout.MOMENT_REACTION]
     out[layout.FORCE_FRICTION], out[layout.MOMENT_FRICTION] = p, q
-    stop = 0
     for k in range(2):
         place, bound = (out[layout.LENGTH], 0) if k == 0 else (out[layout.ANGLE], 2)
         if place <= par[model.STOPS + bound]:

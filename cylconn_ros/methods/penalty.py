@@ -3,7 +3,7 @@
     f_c = -k e - c w_c                     e the constraint's error, w_c its rate
     phi = -ks d - cs s,  |phi| <= mu FN    d the elastic slip, integrated from s
     p   = -k (x - xc) - c (w - vc)         of a lock or a drive (methods/drives/spring.py); of a
-                                           stop: pushing only
+                                           rigid stop: pushing only
 
 FN follows from this sample's f_c, so that friction and reactions belong to the same step. Neither
 depends on the other through the (unknown) inertia, so that no system is solved. If phi is outside
@@ -31,6 +31,7 @@ from cylconn_ros.core.joint_limits import (
     imposed_force,
     is_motion_imposed,
     start_imposed_motion,
+    stop_bits,
     update_lock,
 )
 from cylconn_ros.core.kinematics import frame
@@ -42,6 +43,7 @@ from cylconn_ros.core.vectors import add_scaled, scale, turned
 from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.drives.spring import drive_force, is_moved_from
 from cylconn_ros.methods.passivity_controller import OUT_OF_NOISE, Two
+from cylconn_ros.methods.sampled_elements import sampled_elements
 
 
 @device_function
@@ -146,9 +148,14 @@ def write_outputs(
     ur = o.angle - model.value_or(par[ref + 3], mem[model.ANGLE0])
     spring = (-par[elastic] * u1, -par[elastic + 1] * ur)
     damper = (-par[elastic + 2] * v[0], -par[elastic + 3] * w[0])
+    one, two = sampled_elements(par, mem, o, h, 0), sampled_elements(par, mem, o, h, 1)
+    spring = (spring[0] + one.spring, spring[1] + two.spring)
+    damper = (damper[0] + one.damper, damper[1] + two.damper)
     friction, regime = _friction(par, mem, out, o, constraint, h)
     p1, stop1, lock1, moved1, blocked1 = _limit_force(par, mem, 0, o.length, v[0], h)
     p2, stop2, lock2, moved2, blocked2 = _limit_force(par, mem, 1, o.angle, w[0], h)
+    p1, p2 = p1 + one.stop, p2 + two.stop
+    stop1, stop2 = stop1 | stop_bits(one.side), stop2 | stop_bits(two.side)
     drive1, drive2 = imposed_force(par, 0), imposed_force(par, 1)
     advance_imposed_motion(par, mem, h)
 

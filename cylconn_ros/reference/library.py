@@ -11,7 +11,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Mapping, Sequence
 
-from cylconn_ros.reference import answers, sleeve_answers
+from cylconn_ros.reference import answers, element_answers, sleeve_answers
 from cylconn_ros.reference.answers import Expected
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import Run
@@ -56,6 +56,8 @@ class Comparison:
 
 CLOSED = "closed form"
 INTEGRATED = "sleeve on a fixed shaft, DOP853 with events (reference/moving_contact.py)"
+EVENTS = "m x'' = F(x, x') from kink to kink, DOP853 (reference/nonlinear_slide.py)"
+
 LIBRARY: dict[str, Case] = {
     "demo": Case(
         "An unbalanced sleeve slides and spins down an incline until friction stops it",
@@ -186,6 +188,21 @@ LIBRARY: dict[str, Case] = {
         f"{CLOSED}: constant moment",
         answers.torque_limiter,
     ),
+    "gap_spring": Case(
+        "A slider between two springs with a gap",
+        f"{CLOSED}: flights and half oscillations of pi sqrt(m/k)",
+        element_answers.gap_spring,
+    ),
+    "gas_strut": Case(
+        "A gas strut lifts a hatch onto a rubber end stop", EVENTS, element_answers.gas_strut
+    ),
+    "soft_close": Case(
+        "A drawer pulled shut against a soft-close damper", EVENTS, element_answers.soft_close
+    ),
+    "bump_and_rebound": Case(
+        "A suspension with bump stop and a damper firm in rebound", EVENTS, element_answers.moving
+    ),
+    "rubber_stops": Case("A piston between two rubber stops", EVENTS, element_answers.moving),
     "latch": Case(
         "The slide locks when it passes the lock position",
         f"{CLOSED}: constant speed",

@@ -11,6 +11,12 @@ import dataclasses
 import math
 
 from cylconn_ros.scene.schema import group, parameter
+from cylconn_ros.scene.tables import (
+    DamperTable,
+    RotationalDamperTable,
+    RotationalSpringTable,
+    SpringTable,
+)
 
 NAN = math.nan
 INF = math.inf
@@ -156,8 +162,31 @@ class Stops:
     theta_min: float = parameter(NAN, unit="rad", doc="Least angle; .nan: none.")
     theta_max: float = parameter(NAN, unit="rad", doc="Greatest angle; .nan: none.")
     restitution: float = parameter(
-        0.0, ge=0.0, le=1.0, unit="1", doc="Coefficient of restitution at the stops."
+        0.0, ge=0.0, le=1.0, unit="1", doc="Coefficient of restitution at rigid stops."
     )
+    stiffness: float = parameter(
+        NAN, gt=0.0, unit="N/m", doc="Stiffness of compliant stops of the slide; .nan: rigid."
+    )
+    damping: float = parameter(
+        NAN, ge=0.0, unit="N.s/m", doc="Damping of compliant stops of the slide; .nan: none."
+    )
+    damping_depth: float = parameter(
+        1e-3, gt=0.0, unit="m", doc="Depth over which the damping rises from zero to its value."
+    )
+    rotational_stiffness: float = parameter(
+        NAN, gt=0.0, unit="N.m/rad", doc="Stiffness of compliant stops of the spin; .nan: rigid."
+    )
+    rotational_damping: float = parameter(
+        NAN, ge=0.0, unit="N.m.s/rad", doc="Damping of compliant stops of the spin; .nan: none."
+    )
+    rotational_damping_depth: float = parameter(
+        1e-2, gt=0.0, unit="rad", doc="Angle over which the damping rises from zero to its value."
+    )
+
+    @property
+    def compliant(self) -> tuple[bool, bool]:
+        """Whether the stops of slide, and those of spin, are compliant."""
+        return not math.isnan(self.stiffness), not math.isnan(self.rotational_stiffness)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -185,7 +214,7 @@ class Lock:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Elasticity:
-    """Linear springs on the available components, about the constitutive reference.
+    """Springs on the available components, about the constitutive reference; tables add to k.
 
     Example::
 
@@ -196,11 +225,13 @@ class Elasticity:
     kr1: float = parameter(
         0.0, ge=0.0, unit="N.m/rad", doc="Rotational stiffness about the slot axis."
     )
+    table: SpringTable = group(SpringTable)
+    rotational_table: RotationalSpringTable = group(RotationalSpringTable)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Damping:
-    """Linear dampers on the available components.
+    """Dampers on the available components; tables add to c.
 
     Example::
 
@@ -211,6 +242,8 @@ class Damping:
     cr1: float = parameter(
         0.0, ge=0.0, unit="N.m.s/rad", doc="Rotational damping about the slot axis."
     )
+    table: DamperTable = group(DamperTable)
+    rotational_table: RotationalDamperTable = group(RotationalDamperTable)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

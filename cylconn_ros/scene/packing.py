@@ -1,14 +1,16 @@
 """The parameter array of a scene, which the compiled step reads, and the choice of the method."""
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core import friction, model
+from cylconn_ros.core import elements, friction, model
 from cylconn_ros.core.overlap import SLOPES
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.elements import compliant_stops, damper_tables, spring_tables
 from cylconn_ros.scene.scene import Body, Friction, Node, Scene
 
 Array = NDArray[np.float64]
@@ -88,6 +90,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
         scene.limits.torque,
     )
     par[model.STOPS : model.STOPS + 5] = _stops(scene)
+    par[model.ELEMENTS : model.ELEMENTS + elements.SIZE] = _elements(scene)
     lock = scene.lock
     par[model.LOCK : model.LOCK + 3] = (
         ("none", "slide", "spin").index(lock.component),
@@ -148,8 +151,13 @@ def _latency(scene: Scene) -> float:
 
 
 def _stops(scene: Scene) -> list[float]:
-    """Stops of length and angle, infinite if there is none, and the restitution."""
+    """Rigid stops of length and angle, infinite if there is none, and the restitution."""
     stops = scene.stops
+    if any(stops.compliant):
+        free = {"l_min": math.nan, "l_max": math.nan} if stops.compliant[0] else {}
+        if stops.compliant[1]:
+            free |= {"theta_min": math.nan, "theta_max": math.nan}
+        stops = dataclasses.replace(stops, **free)
     low = [-math.inf if math.isnan(x) else x for x in (stops.l_min, stops.theta_min)]
     high = [math.inf if math.isnan(x) else x for x in (stops.l_max, stops.theta_max)]
     return [low[0], high[0], low[1], high[1], stops.restitution]
@@ -231,3 +239,19 @@ def _penalty(scene: Scene, method: str) -> list[float]:
         float(stick) / lag**2,
         stick_damping / lag,
     ]
+
+
+def _elements(scene: Scene) -> Array:
+    """The numbers of core/elements.py, (SIZE,)."""
+    par = np.zeros(elements.SIZE)
+    tables = zip(spring_tables(scene), damper_tables(scene), strict=True)
+    for k, (spring, damper) in enumerate(tables):
+        at, stops = elements.first_of(k), compliant_stops(scene.stops, k)
+        par[k] = bool(spring.points or damper.points or stops.stiffness > 0.0)
+        par[at : at + 5] = stops
+        par[at + elements.STEEPEST] = max([stops.stiffness, *spring.slopes])
+        par[at + elements.STEEPEST + 1] = max([stops.damping, *damper.slopes])
+        for first, table in ((elements.SPRING, spring), (elements.DAMPER, damper)):
+            numbers = elements.pack_table(table.points, table.values, table.constant)
+            par[at + first : at + first + len(numbers)] = numbers
+    return par

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import AUTO, TRAITS, MethodTraits
 from cylconn_ros.scene.behaviour import Friction, Stops
 from cylconn_ros.scene.bodies import Body
+from cylconn_ros.scene.elements import check_elements
 from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import show
 
@@ -31,6 +33,7 @@ def check(scene: SceneFields) -> None:
     _check_method(scene)
     _check_friction(scene.friction)
     _check_stops(scene)
+    check_elements(scene)
     _check_lock(scene)
     _check_command(scene)
     _check_tolerance(scene)
@@ -63,12 +66,21 @@ def _check_served(scene: SceneFields) -> None:
     for name, value in scene.parameters().items():
         if name == "latency":
             _check_latency(scene)
-        ignored = name.startswith(BOUNDS) and not _traits(scene).has_limits
+        ignored = name.startswith(_bounds(scene)) and not _traits(scene).has_limits
         if ignored and show(value) != show(rules[name].default):
             raise SceneError(
                 f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
                 "motion; remove it, or use impulse"
             )
+
+
+def _bounds(scene: SceneFields) -> tuple[str, ...]:
+    """What a method without limits does not model: compliant stops are forces, which all have."""
+    slide, spin = scene.stops.compliant
+    compliant = ["stops.l_", "stops.stiffness", "stops.damping"] if slide else []
+    compliant += ["stops.theta_", "stops.rotational_"] if spin else []
+    rigid = [f"stops.{f.name}" for f in dataclasses.fields(scene.stops)]
+    return (*BOUNDS[1:], *(name for name in rigid if not name.startswith(tuple(compliant))))
 
 
 def _check_observe(scene: SceneFields) -> None:
@@ -320,12 +332,14 @@ def check_drive(method: str, name: str, value: float, position: float) -> None:
 
 
 def check_within_stops(stops: Stops, component: str, name: str, position: float) -> None:
-    """Raise :class:`SceneError` if a position of slide or spin lies beyond a stop."""
+    """Raise :class:`SceneError` if a position of slide or spin lies beyond a rigid stop."""
     low, high, prefix = (
         (stops.l_min, stops.l_max, "l")
         if component == "slide"
         else (stops.theta_min, stops.theta_max, "theta")
     )
+    if stops.compliant[0 if component == "slide" else 1]:
+        return
     for stop, beyond, end, sign in (
         (low, position < low, "min", ">="), (high, position > high, "max", "<="),
     ):  # fmt: skip
@@ -339,6 +353,8 @@ def check_within_stops(stops: Stops, component: str, name: str, position: float)
 def _check_unstopped(scene: SceneFields, name: str, velocity: float) -> None:
     """Method minimal has no drive that a stop holds back."""
     stops = scene.stops
+    if stops.compliant[0 if name == "slide" else 1]:
+        return
     given = (
         (("stops.l_min", stops.l_min), ("stops.l_max", stops.l_max))
         if name == "slide"

@@ -74,6 +74,25 @@ def test_a_strut(tmp_path: Path) -> None:
     assert [what.split()[0] for what in draft.left_out] == ["*CONNECTOR", "*DYNAMIC"]
 
 
+def test_tables_of_nonlinear_elasticity_and_damping(tmp_path: Path) -> None:
+    """Force and position, or rate, in each line."""
+    path = tmp_path / "strut.inp"
+    nonlinear = DECK.replace(
+        "COMPONENT=1\n5.\n", "COMPONENT=1, NONLINEAR\n-9., -3.\n0., 0.\n4., 2.\n"
+    )
+    nonlinear = nonlinear.replace(
+        "COMPONENT=1\n0.02\n", "COMPONENT=1, NONLINEAR\n0., 0.\n5., 100.\n"
+    )
+    path.write_text(nonlinear)
+    scene = from_abaqus.draft_of(path, "strut", "mm-t-s").scene()
+    assert scene is not None
+    assert scene.elasticity.table.positions == pytest.approx((-0.003, 0.0, 0.002))
+    assert scene.elasticity.table.forces == pytest.approx((-9.0, 0.0, 4.0))
+    assert scene.damping.table.rates == pytest.approx((0.0, 0.1))
+    assert scene.damping.table.forces == pytest.approx((0.0, 5.0))
+    assert scene.elasticity.k1 == 0.0
+
+
 @pytest.mark.parametrize(
     ("change", "units", "said"),
     [

@@ -145,6 +145,25 @@ def test_late_stops_and_springs_take_energy(name: str, lag: float) -> None:
             assert (side * (found[layout.LENGTH] - bound)).max() < 0.1
 
 
+@pytest.mark.parametrize("lag", LAGS)
+@pytest.mark.parametrize("name", ["gap_spring", "rubber_stops"])
+def test_late_tables_and_compliant_stops_take_energy(name: str, lag: float) -> None:
+    """A contact is left with no more speed than it was met with, once the lag is known."""
+    found = run(kept(name), 2.0, lag)
+    speed = np.abs(found[layout.VELOCITY])
+    first = np.flatnonzero(np.diff(np.sign(found[layout.VELOCITY])))[0]
+    assert speed[first + 200 :].max() < 1.15 * speed[0]
+    assert speed[-300:].max() < speed[0]
+
+
+@pytest.mark.parametrize("name", ["gap_spring", "rubber_stops", "bump_and_rebound"])
+def test_tables_and_compliant_stops_in_lock_step_are_those_of_the_connector(name: str) -> None:
+    scene = kept(name)
+    found = run(scene, 1.0, substeps=1)
+    own = cr.simulate(dataclasses.replace(scene, constraint="connector", latency=0), duration=1.0)
+    assert np.abs(found[layout.LENGTH] - own["length"]).max() < 1e-9
+
+
 def test_the_pair_is_balanced() -> None:
     """Forces and moments of the pair vanish about any point, in the middle of the step."""
     scene = dataclasses.replace(

@@ -27,6 +27,8 @@ from cylconn_ros.core.vectors import Quaternion, Vector, into, matrix, norm, out
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.coupled.contacts import NLIMITS, NSOLUTION, rounding, write_limits
 from cylconn_ros.methods.dispatch import begin
+from cylconn_ros.methods.free_axes.complementarity import ReducedStep
+from cylconn_ros.methods.free_axes.elements import linearise_about
 from cylconn_ros.methods.free_axes.step import pose_free_axes
 from cylconn_ros.methods.free_axes.two_impacts import without_stops
 
@@ -46,7 +48,8 @@ WAS_STICK: Final = 114
 TERMS: Final = 115  # sizes of the terms of J~ vf, slide and spin, 2
 LIMITS: Final = 117  # 2 x NLIMITS, methods/coupled/contacts.py
 SOLUTION: Final = LIMITS + 2 * NLIMITS  # NSOLUTION, the group's
-NPREPARED: Final = SOLUTION + NSOLUTION
+ABOUT: Final = SOLUTION + NSOLUTION  # rates about which tables and compliant stops are linearised
+NPREPARED: Final = ABOUT + 2
 
 # --- constants of a connector in its group (NCONSTANTS,) ---
 PLACE_A: Final = 0  # number of the body among the free ones of the group; -1: none
@@ -144,6 +147,7 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
     for k in range(4):
         prepared[TARGET + k] = s.target[k]
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
+    linearise_about(mem, (o.twist.v[0], o.twist.w[0]), 1.0)
     q = pose_free_axes(par, mem, o, s.reduced, h)
     write_limits(
         par, prepared[LIMITS:], o, h, q.closed,
@@ -154,7 +158,7 @@ def prepare(par: Array, mem: Array, sample: Array, h: float, out: Array, prepare
     share = correction_share(par, mem)
     for k in range(2):
         x, w = (o.length, o.twist.v[0]) if k == 0 else (o.angle, o.twist.w[0])
-        prepared[MEASURED + k] = w
+        prepared[MEASURED + k] = prepared[ABOUT + k] = w
         prepared[PUSH + k], prepared[E + k] = q.sp.push[k], q.sp.e[k]
         held = x if mem[model.STICK_SAMPLES] == 1.0 else mem[model.STICK_LENGTH + k]
         back = share * (x - held) / h + keep * w if was_stick else 0.0
@@ -324,3 +328,32 @@ def change(a: Arrays, g: GroupProblem, outs: Array, constants: Array) -> float:
         if a.a[j, j] > 0.0:
             worst = max(worst, abs(f - a.forces[j] / r))
     return worst / greatest if greatest > 0.0 else 0.0
+
+
+@inline_function
+def reduced_step(a: Arrays, c: int, count: int, h: float) -> ReducedStep:
+    """The step of connector c with the forces on slide and spin of the others known."""
+    n, i, j = 2 * count, 2 * c, 2 * c + 1
+    b0, b1, b2, b3 = a.x[n, 4 * c], a.x[n, 4 * c + 1], a.x[n, 4 * c + 2], a.x[n, 4 * c + 3]
+    free1, free2 = a.slip[i], a.slip[j]
+    for k in range(n):
+        if k // 2 != c:
+            f = a.forces[k]
+            b0 += a.x[k, 4 * c] * f
+            b1 += a.x[k, 4 * c + 1] * f
+            b2 += a.x[k, 4 * c + 2] * f
+            b3 += a.x[k, 4 * c + 3] * f
+            free1 += a.a[i, k] * f
+            free2 += a.a[j, k] * f
+    a11, a22 = a.a[i, i], a.a[j, j]
+    if a11 == 0.0:  # held by the others: any mobility gives no force
+        a11 = h * a.g[6 * c, 6 * c]
+    if a22 == 0.0:
+        a22 = h * a.g[6 * c + 3, 6 * c + 3]
+    return ReducedStep(
+        (b0, b1, b2, b3),
+        (a.x[i, 4 * c], a.x[i, 4 * c + 1], a.x[i, 4 * c + 2], a.x[i, 4 * c + 3]),
+        (a.x[j, 4 * c], a.x[j, 4 * c + 1], a.x[j, 4 * c + 2], a.x[j, 4 * c + 3]),
+        (free1, free2),
+        (a11, a.a[i, j], a22),
+    )

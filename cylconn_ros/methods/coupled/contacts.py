@@ -13,7 +13,7 @@ from cylconn_ros.core import layout, model
 from cylconn_ros.core.free_gain import update_gain
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
-from cylconn_ros.core.joint_limits import Bounds, drive_limit, has_stops
+from cylconn_ros.core.joint_limits import Bounds, Two, drive_limit, has_stops
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.core.vectors import norm
 from cylconn_ros.methods.dispatch import begin
@@ -26,6 +26,7 @@ from cylconn_ros.methods.free_axes.complementarity import (
     solve_with_limits,
 )
 from cylconn_ros.methods.free_axes.contacts import LimitedSolution, with_stops
+from cylconn_ros.methods.free_axes.elements import linearise_about
 from cylconn_ros.methods.free_axes.impact_friction import NO_IMPACT
 from cylconn_ros.methods.free_axes.step import PosedFreeAxes, pose_free_axes
 from cylconn_ros.methods.free_axes.two_impacts import StopBounds
@@ -105,17 +106,19 @@ def _read_limits(limits: Array, k: int) -> StopBounds:
 
 @device_function
 def find_contacts(
-    par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, out: Array, limits: Array
-) -> bool:
+    par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, out: Array, limits: Array,
+    about: Two,
+) -> bool:  # fmt: skip
     """Write the ``limits`` of a connector with stops; whether any stop bounds its step.
 
     ``r``: its step with the forces of the others known. ``mem`` is updated, so that the caller
-    passes a copy; ``out`` is scratch space.
+    passes a copy; ``out`` is scratch space. ``about``: the group's rates of slide and spin.
     """
     if begin(par, mem, sample, h, out) != layout.OK:
         return False
     o = measure(par, mem, sample, h, out)
     update_gain(par, mem, o.twist.v[0], o.twist.w[0], h)
+    linearise_about(mem, about, 1.0)
     q = pose_free_axes(par, mem, o, r, h)
     explicit = model.output(par).semi_implicit
     rates, b1, b2 = (o.twist.v[0], o.twist.w[0]), q.b1, q.b2

@@ -36,6 +36,7 @@ from cylconn_ros.core.kinematics import Twist
 from cylconn_ros.core.relative_state import RelativeState, measure
 from cylconn_ros.methods import impulse
 from cylconn_ros.methods.coupled.constraints import (
+    ABOUT,
     BACK,
     LIMITS,
     MEASURED,
@@ -50,6 +51,7 @@ from cylconn_ros.methods.coupled.constraints import (
     constraint_residual,
     eliminate,
     prepare,
+    reduced_step,
     write_delassus,
     write_moved,
 )
@@ -68,10 +70,16 @@ from cylconn_ros.methods.coupled.contacts import (
     has_any_stop,
     solve_limited,
 )
+from cylconn_ros.methods.coupled.elements import any_has_elements, settled_about
 from cylconn_ros.methods.coupled.friction_law import CONVERGED, fix_limit, write_law
 from cylconn_ros.methods.coupled.memory import parts
 from cylconn_ros.methods.dispatch import begin, finish
 from cylconn_ros.methods.free_axes.complementarity import ReducedStep
+from cylconn_ros.methods.free_axes.elements import (
+    HALVED_AFTER,
+    MOST_SOLUTIONS,
+    linearise_about,
+)
 from cylconn_ros.methods.free_axes.step import complete_free_axes, pose_free_axes
 
 # --- report of a step ---
@@ -208,35 +216,6 @@ def _write_total(g: GroupProblem, a: Arrays, constants: Array) -> None:
         a.prepared[c, SOLUTION + REGIME] = layout.STICK if sticks(g, c) else layout.SLIP
 
 
-@inline_function
-def _reduced(a: Arrays, c: int, count: int, h: float) -> ReducedStep:
-    """The step of connector c with the forces on slide and spin of the others known."""
-    n, i, j = 2 * count, 2 * c, 2 * c + 1
-    b0, b1, b2, b3 = a.x[n, 4 * c], a.x[n, 4 * c + 1], a.x[n, 4 * c + 2], a.x[n, 4 * c + 3]
-    free1, free2 = a.slip[i], a.slip[j]
-    for k in range(n):
-        if k // 2 != c:
-            f = a.forces[k]
-            b0 += a.x[k, 4 * c] * f
-            b1 += a.x[k, 4 * c + 1] * f
-            b2 += a.x[k, 4 * c + 2] * f
-            b3 += a.x[k, 4 * c + 3] * f
-            free1 += a.a[i, k] * f
-            free2 += a.a[j, k] * f
-    a11, a22 = a.a[i, i], a.a[j, j]
-    if a11 == 0.0:  # held by the others: any mobility gives no force
-        a11 = h * a.g[6 * c, 6 * c]
-    if a22 == 0.0:
-        a22 = h * a.g[6 * c + 3, 6 * c + 3]
-    return ReducedStep(
-        (b0, b1, b2, b3),
-        (a.x[i, 4 * c], a.x[i, 4 * c + 1], a.x[i, 4 * c + 2], a.x[i, 4 * c + 3]),
-        (a.x[j, 4 * c], a.x[j, 4 * c + 1], a.x[j, 4 * c + 2], a.x[j, 4 * c + 3]),
-        (free1, free2),
-        (a11, a.a[i, j], a22),
-    )
-
-
 @device_function
 def _complete(
     par: Array, mem: Array, sample: Array, h: float, r: ReducedStep, moves: tuple[bool, bool],
@@ -261,10 +240,11 @@ def _complete(
         o.body_a, o.body_b, o.nodes, o.a, o.b, o.frame, free, o.length, o.angle, o.error, o.flags
     )
     update_gain(par, mem, free.v[0], free.w[0], h)
+    linearise_about(mem, (prepared[SOLUTION + END], prepared[SOLUTION + END + 1]), 1.0)
     q = pose_free_axes(par, mem, o, r, h)
     explicit = model.output(par).semi_implicit
     found = solve_limited(par, mem, o, r, q, h, explicit, prepared[LIMITS:], prepared[SOLUTION:])
-    av = complete_free_axes(par, mem, o, r, q, found, h)
+    av = complete_free_axes(par, mem, o, r, q, found, h, False)
     flags = impulse.write_outputs(par, mem, out, o, s, av, h, 1.0)
     store_step(par, mem, r.free, r.a, flags & layout.LIMITED != 0)
     x, y = av.solved.s_mean
@@ -288,17 +268,47 @@ def _meets_stops(
             if residual > CONVERGED:
                 limit_friction(g)
             _write_total(g, a, constants)
-        r = _reduced(a, c, count, h)
+        r = reduced_step(a, c, count, h)
         fix_limit(par[c], a.kept, g, c, residual <= CONVERGED)
         for k in range(model.NMEM):
             a.scratch[k] = mem[c, k]
+        about = (a.prepared[c, SOLUTION + END], a.prepared[c, SOLUTION + END + 1])
         bounded = find_contacts(
-            par[c], a.scratch, samples[c], h, r, outs[c], a.prepared[c, LIMITS:]
+            par[c], a.scratch, samples[c], h, r, outs[c], a.prepared[c, LIMITS:], about
         )
         found = found or bounded
         for k in range(SIZE):
             par[c, model.FRICTION + k] = a.kept[k]
     return found
+
+
+@device_function
+def _solve(
+    par: Array, mem: Array, samples: Array, h: float, outs: Array, constants: Array, a: Arrays,
+    g: GroupProblem,
+) -> tuple[float, int, bool]:  # fmt: skip
+    """Solve slide and spin of all; the residual, Newton steps, and whether elements are settled."""
+    count, steps = g.number, 0
+    elastic = any_has_elements(par, count)
+    for n in range(MOST_SOLUTIONS):
+        _pose(g, a, constants, h)
+        residual, taken = solve_group_friction(g, a.was_stick)
+        steps += taken
+        if not elastic:
+            return residual, steps, True
+        _write_total(g, a, constants)
+        settled, share = True, 1.0 if n < HALVED_AFTER else 0.5
+        for c in range(count):
+            for k in range(model.NMEM):
+                a.scratch[k] = mem[c, k]
+            r = reduced_step(a, c, count, h)
+            settled = settled_about(
+                par[c], a.scratch, samples[c], h, r, outs[c], a.prepared[c],
+                a.prepared[c, ABOUT:], share,
+            ) and settled  # fmt: skip
+        if settled:
+            return residual, steps, True
+    return residual, steps, False
 
 
 @device_function
@@ -317,16 +327,15 @@ def _step(
         write_moved(par[c], constants[c], a.prepared[c], a.moved[c])
     write_delassus(a, count, par, constants)
     off = eliminate(a, count, constants, h)
-    _pose(g, a, constants, h)
-    residual, steps = solve_group_friction(g, a.was_stick)
+    residual, steps, settled = _solve(par, mem, samples, h, outs, constants, a, g)
     if _meets_stops(par, mem, samples, h, outs, constants, a, g, residual):
-        _pose(g, a, constants, h)
-        residual, taken = solve_group_friction(g, a.was_stick)
+        residual, taken, settled = _solve(par, mem, samples, h, outs, constants, a, g)
         steps += taken
     flags = layout.CONTRADICTORY if not off * h <= CONTRADICTION else 0
     solved = residual <= CONVERGED
-    if not solved:
+    if not (solved and settled):
         flags |= layout.NOT_CONVERGED
+    if not solved:
         limit_friction(g)
     _write_total(g, a, constants)
     for c in range(count):
@@ -334,7 +343,7 @@ def _step(
             flags |= layout.CONTRADICTORY
     worst = layout.OK
     for c in range(count):
-        r = _reduced(a, c, count, h)
+        r = reduced_step(a, c, count, h)
         moves = (g.moves[2 * c] != 0.0, g.moves[2 * c + 1] != 0.0)
         fix_limit(par[c], a.kept, g, c, solved)
         terms = g.size[2 * c] + g.size[2 * c + 1]

@@ -1,8 +1,9 @@
 """Forces on the free axes, slide and spin, after elimination of the constrained components.
 
 Springs and dampers act at the mean of the step, -k (u + h (w- + w+)/4) - c (w- + w+)/2: implicit
-and second order. They are included in S before friction and the reactions of stops, locks and
-imposed motion are solved (methods/free_axes/complementarity.py).
+and second order; tables and compliant stops with their mean over it (free_axes/elements.py). They
+are included in S before friction and the reactions of stops, locks and imposed motion are solved
+(methods/free_axes/complementarity.py).
 """
 
 import math
@@ -22,6 +23,7 @@ from cylconn_ros.core.joint_limits import (
     is_motion_imposed,
     prescribed_rate,
     start_imposed_motion,
+    stop_bits,
     update_lock,
 )
 from cylconn_ros.core.output_wrenches import write_contact, write_forces
@@ -39,6 +41,15 @@ from cylconn_ros.methods.free_axes.complementarity import (
     solve_case,
 )
 from cylconn_ros.methods.free_axes.contacts import LimitedSolution, solve_with_stops, with_stops
+from cylconn_ros.methods.free_axes.elements import (
+    HALVED_AFTER,
+    MOST_SOLUTIONS,
+    add_elements,
+    are_settled,
+    elements_of,
+    has_any_element,
+    linearise_about,
+)
 from cylconn_ros.methods.free_axes.two_impacts import StopBounds, without_stops
 
 
@@ -53,7 +64,7 @@ class FreeAxes(NamedTuple):
     stop: int  # bits of ConnectorState.stop
     lock: int  # component that is locked
     restitution: float
-    flags: int  # DRIVE_BLOCKED, or 0
+    flags: int  # DRIVE_BLOCKED, NOT_CONVERGED
 
 
 class PosedFreeAxes(NamedTuple):
@@ -74,13 +85,32 @@ def solve_free_axes(
 
     ``explicit``: semi-implicit plant, whose positions follow the end velocity.
     """
+    elastic = has_any_element(par)
+    if elastic:
+        linearise_about(mem, (o.twist.v[0], o.twist.w[0]), 1.0)
     q = pose_free_axes(par, mem, o, r, h)
     driven = (is_driven(par, 0, q.closed[0]), is_driven(par, 1, q.closed[1]))
-    if driven[0] or driven[1]:
-        found = solve_driven(par, mem, o, r, q.sp, h, explicit, q.b1, q.b2, q.eps, driven)
-    else:
-        found = _solve_undriven(par, mem, o, r, q, h, explicit)
-    return complete_free_axes(par, mem, o, r, q, found, h)
+    count = 0
+    while True:
+        if driven[0] or driven[1]:
+            found = solve_driven(par, mem, o, r, q.sp, h, explicit, q.b1, q.b2, q.eps, driven)
+        else:
+            found = _solve_undriven(par, mem, o, r, q, h, explicit)
+        count += 1
+        if not elastic:
+            break
+        f, p = found.solved.friction, found.solved.reaction
+        others = (abs(f[0]) + abs(p[0]), abs(f[1]) + abs(p[1]))
+        if are_settled(par, mem, o, r, h, found.solved.end, others):
+            break
+        if count == MOST_SOLUTIONS:
+            break
+        linearise_about(mem, found.solved.end, 1.0 if count < HALVED_AFTER else 0.5)
+        sp = with_springs(par, mem, o, r, h, (imposed_force(par, 0), imposed_force(par, 1)))
+        q = PosedFreeAxes(sp, q.b1, q.b2, q.closed, q.eps)
+    if elastic:
+        linearise_about(mem, found.solved.end, 1.0)
+    return complete_free_axes(par, mem, o, r, q, found, h, count == MOST_SOLUTIONS)
 
 
 @inline_function
@@ -106,9 +136,12 @@ def pose_free_axes(
 @inline_function
 def complete_free_axes(
     par: Array, mem: Array, o: RelativeState, r: ReducedStep, q: PosedFreeAxes,
-    found: LimitedSolution, h: float,
+    found: LimitedSolution, h: float, unsettled: bool,
 ) -> FreeAxes:  # fmt: skip
-    """Forces by component for the solution ``found``; ``mem`` is updated for the next step."""
+    """Forces by component for the solution ``found``; ``mem`` is updated for the next step.
+
+    ``unsettled``: tables and compliant stops have not been solved.
+    """
     restitution = 0.0
     if has_stops(par, 0) or has_stops(par, 1):
         restitution = _store_impact(mem, 0, found.slide, found.sides[0])
@@ -125,17 +158,29 @@ def complete_free_axes(
     end, actuation = solved.end, (imposed_force(par, 0), imposed_force(par, 1))
     spring = (-k1 * (u1 + 0.25 * h * (v1 + end[0])), -kr * (ur + 0.25 * h * (w1 + end[1])))
     damper = (-0.5 * c1 * (v1 + end[0]), -0.5 * cr * (w1 + end[1]))
+    stop = stop_bits(found.contacts[0]) | stop_bits(found.contacts[1]) << 2
+    if has_any_element(par):
+        one, two = elements_of(par, mem, o, r, h, 0), elements_of(par, mem, o, r, h, 1)
+        spring = (spring[0] + one.spring, spring[1] + two.spring)
+        damper = (damper[0] + one.damper, damper[1] + two.damper)
+        stop |= stop_bits(one.side) | stop_bits(two.side) << 2
+        p, q2 = solved.reaction
+        solved = FreeAxesSolution(
+            end, solved.friction, (p + one.stop, q2 + two.stop), solved.regime, solved.flags,
+            solved.s_mean, solved.residual,
+        )  # fmt: skip
     f1 = spring[0] + damper[0] + actuation[0] + solved.friction[0] + solved.reaction[0]
     m1 = spring[1] + damper[1] + actuation[1] + solved.friction[1] + solved.reaction[1]
     mem[model.LAST_FREE_FORCES], mem[model.LAST_FREE_FORCES + 1] = f1, m1
     for k in range(2):
         moved = found.drive[k] if is_motion_imposed(par, k) else 0.0
         mem[model.LAST_ACTUATION + k] = actuation[k] + moved
-    stop = _stop_bits(found.contacts[0]) | _stop_bits(found.contacts[1]) << 2
+    flags = layout.DRIVE_BLOCKED if blocked else 0
+    if unsettled:
+        flags |= layout.NOT_CONVERGED
     return FreeAxes(
-        spring, damper, actuation, solved, reactions(r, f1, m1), stop, lock, restitution,
-        layout.DRIVE_BLOCKED if blocked else 0,
-    )  # fmt: skip
+        spring, damper, actuation, solved, reactions(r, f1, m1), stop, lock, restitution, flags
+    )
 
 
 @inline_function
@@ -157,14 +202,6 @@ def _solve_undriven(
         )
     contacts = (0 if side1 != 0 else sides[0], 0 if side2 != 0 else sides[1])
     return LimitedSolution(solved, sides, contacts, slide, spin, solved.reaction, False)
-
-
-@inline_function
-def _stop_bits(side: int) -> int:
-    """Stop of a component that is in contact: 1 the lower, 2 the upper, 0 none."""
-    if side < 0:
-        return 1
-    return 2 if side > 0 else 0
 
 
 @inline_function
@@ -205,7 +242,11 @@ def with_springs(
     push1 = actuation[0] - k1 * (u1 + 0.25 * h * v1) - 0.5 * c1 * v1
     push2 = actuation[1] - kr * (ur + 0.25 * h * w1) - 0.5 * cr * w1
     a11, a12, a22 = r.a
-    if e1 == 0.0 and er == 0.0:
+    if has_any_element(par):
+        more1, more2 = add_elements(par, mem, o, r, h)
+        push1, push2 = push1 + more1[0], push2 + more2[0]
+        e1, er = e1 + more1[1], er + more2[1]
+    elif e1 == 0.0 and er == 0.0:
         x = r.free[0] + a11 * actuation[0] + a12 * actuation[1]
         y = r.free[1] + a12 * actuation[0] + a22 * actuation[1]
         return StepWithSprings(actuation, (0.0, 0.0), (x, y), r.a)

@@ -14,7 +14,7 @@ from cylconn_ros.core.vectors import cross, matrix, out_of, sub
 from cylconn_ros.methods.minimal import derivatives
 from cylconn_ros.methods.minimal.coordinates import configuration, reduced_equations
 from cylconn_ros.methods.minimal.derivatives import size_of
-from cylconn_ros.methods.minimal.forces import instant_of
+from cylconn_ros.methods.minimal.forces import compliant_stops, instant_of
 from cylconn_ros.methods.minimal.initial import apply_imposed_motion, initial_state
 from cylconn_ros.methods.minimal.integrate import IntegrationResult, integrate
 from cylconn_ros.methods.minimal.one_step import ContactState
@@ -56,7 +56,8 @@ def write_row(par: Array, joint: Array, t: float, y: Array, s: ContactState, row
     row[f], row[f + 3] = i.total
     row[f + 1], row[f + 2], row[f + 4], row[f + 5] = c
     row[FRICTION], row[FRICTION + 1] = i.friction
-    row[REACTION], row[REACTION + 1] = i.reaction
+    pushes = compliant_stops(par, y)
+    row[REACTION], row[REACTION + 1] = i.reaction[0] + pushes[0], i.reaction[1] + pushes[1]
     row[NORMAL], row[TRACTION], row[LIMIT] = i.normal, i.traction, i.limit
     regime = layout.STICK if s.stuck else layout.SLIP
     row[REGIME] = regime if model.law(par).on else layout.FRICTIONLESS

@@ -13,6 +13,7 @@ import math
 from typing import Final, NamedTuple
 
 from cylconn_ros.core import model
+from cylconn_ros.core.elements import elements_at
 from cylconn_ros.core.friction import Array, Law, contact, cosine, limit
 from cylconn_ros.core.friction_disc import DiscSolution, solve_disc
 from cylconn_ros.core.jit import allocating_function, inline_function
@@ -75,18 +76,39 @@ def add4(a: Four, b: Four) -> Four:
 
 @inline_function
 def forces_on(par: Array, joint: Array, y: Array) -> tuple[Two, Two, Two]:
-    """Forces of springs, of dampers, and their sum with actuation, on slide and spin."""
+    """Forces of springs, of dampers, and their sum with all but friction and rigid stops."""
     e = model.ELASTICITY
     u1 = y[coordinates.LENGTH] - joint[coordinates.SPRING_REFERENCE]
     ur = y[coordinates.ANGLE] - joint[coordinates.SPRING_REFERENCE + 1]
     spring = (-par[e] * u1, -par[e + 1] * ur)
     damper = (-par[e + 2] * y[coordinates.SLIDE], -par[e + 3] * y[coordinates.SPIN])
     given = (imposed_force(par, 0), imposed_force(par, 1))
+    if par[model.ELEMENTS] != 0.0:
+        f = elements_at(par, model.ELEMENTS, 0, u1, y[coordinates.LENGTH], y[coordinates.SLIDE])
+        spring, damper = (spring[0] + f.spring, spring[1]), (damper[0] + f.damper, damper[1])
+        given = (given[0] + f.stop, given[1])
+    if par[model.ELEMENTS + 1] != 0.0:
+        f = elements_at(par, model.ELEMENTS, 1, ur, y[coordinates.ANGLE], y[coordinates.SPIN])
+        spring, damper = (spring[0], spring[1] + f.spring), (damper[0], damper[1] + f.damper)
+        given = (given[0], given[1] + f.stop)
     return (
         spring,
         damper,
         (spring[0] + damper[0] + given[0], spring[1] + damper[1] + given[1]),
     )
+
+
+@inline_function
+def compliant_stops(par: Array, y: Array) -> Two:
+    """Forces of compliant stops on slide and spin."""
+    one, two = 0.0, 0.0
+    if par[model.ELEMENTS] != 0.0:
+        x, w = y[coordinates.LENGTH], y[coordinates.SLIDE]
+        one = elements_at(par, model.ELEMENTS, 0, 0.0, x, w).stop
+    if par[model.ELEMENTS + 1] != 0.0:
+        x, w = y[coordinates.ANGLE], y[coordinates.SPIN]
+        two = elements_at(par, model.ELEMENTS, 1, 0.0, x, w).stop
+    return one, two
 
 
 @inline_function

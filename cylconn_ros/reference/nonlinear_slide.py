@@ -1,0 +1,145 @@
+"""Slide of one body with springs and dampers by table and compliant stops: m x'' = F(x, x').
+
+Integrated from kink to kink (SciPy's DOP853, tolerance 1e-12): every knot of a table, the surface
+of a stop, the depth at which its damping is full, and the rest of Coulomb friction are located as
+events, so that each piece is smooth. Nothing of the connector's code is used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylconn_ros.scene.scene import Scene
+
+Array = NDArray[np.float64]
+Event = Callable[[float, Array], float]
+Rates = Callable[[float, Array], list[float]]
+
+SKIP = 1e-7  # s, over an event, by one step of a Runge-Kutta method of fourth order
+
+
+class Slide(NamedTuple):
+    """State of the slide at the end."""
+
+    position: float  # m, in the slot
+    velocity: float
+    reaction: float  # N, of the stops
+    stop_time: float  # s, when it came to rest to stay; inf: it did not
+
+
+def slide(scene: Scene, start: float, rate: float, push: float, drag: float, end: float) -> Slide:
+    """The slide of a body from ``start`` (m) and ``rate`` to the time ``end``.
+
+    Args:
+        start: position in the slot, the reference of the elasticity unless the scene has one.
+        push: constant force along the slot, N.
+        drag: Coulomb friction, N.
+
+    """
+    from scipy.integrate import solve_ivp
+
+    mass, rest = scene.body_b.mass, scene.reference.length
+    rest = start if math.isnan(rest) else rest
+
+    def total(x: float, v: float) -> float:
+        return push + _elastic(scene, x - rest) + _viscous(scene, v) + stop_force(scene, x, v)
+
+    def rates(_t: float, y: Sequence[float] | Array) -> list[float]:
+        return [y[1], (total(y[0], y[1]) - drag * moving * np.sign(y[1])) / mass]
+
+    functions: list[Event] = [_passes(0, rest + x) for x in scene.elasticity.table.positions]
+    functions += [_passes(0, x) for x in _kinks(scene)]
+    functions += [_passes(1, v) for v in (*scene.damping.table.rates, *((0.0,) if drag else ()))]
+    functions += [_leaves(scene, each) for each in _sides(scene)]
+    for event in functions:
+        event.terminal = True  # type: ignore[attr-defined]
+    t, y, moving = 0.0, [start, rate], 1.0
+    while t < end:
+        if drag > 0.0 and abs(y[1]) < 1e-9 and abs(total(y[0], 0.0)) <= drag:
+            return Slide(y[0], 0.0, stop_force(scene, y[0], 0.0), t)
+        h = min(SKIP, end - t)
+        y, t = _runge_kutta(rates, t, y, h), t + h
+        if t >= end:
+            break
+        found = solve_ivp(
+            rates, (t, end), y, method="DOP853", events=functions, rtol=1e-12, atol=1e-14
+        )
+        t, y = float(found.t[-1]), [float(each) for each in found.y[:, -1]]
+    return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf)
+
+
+def _passes(k: int, at: float) -> Event:
+    """Event: position (k = 0) or rate (1) passes a value."""
+    return lambda _t, y: y[k] - at
+
+
+def _leaves(scene: Scene, stop: tuple[float, float]) -> Event:
+    """Event: the force of a compliant stop would change its sign."""
+    return lambda _t, y: _push(scene, stop, y[0], y[1])
+
+
+def _runge_kutta(rates: Rates, t: float, y: list[float], h: float) -> list[float]:
+    y0 = np.array(y)
+    k1 = np.array(rates(t, y0))
+    k2 = np.array(rates(t + h / 2, y0 + h / 2 * k1))
+    k3 = np.array(rates(t + h / 2, y0 + h / 2 * k2))
+    k4 = np.array(rates(t + h, y0 + h * k3))
+    return [float(each) for each in y0 + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)]
+
+
+def _by_table(
+    points: tuple[float, ...], values: tuple[float, ...], extrapolation: str, x: float
+) -> float:
+    if not points:
+        return 0.0
+    if extrapolation == "linear" and not points[0] <= x <= points[-1]:
+        near, far = (0, 1) if x < points[0] else (-1, -2)
+        slope = (values[near] - values[far]) / (points[near] - points[far])
+        return values[near] + slope * (x - points[near])
+    return float(np.interp(x, points, values))
+
+
+def _elastic(scene: Scene, u: float) -> float:
+    t = scene.elasticity.table
+    return -scene.elasticity.k1 * u - _by_table(t.positions, t.forces, t.extrapolation, u)
+
+
+def _viscous(scene: Scene, v: float) -> float:
+    t = scene.damping.table
+    return -scene.damping.c1 * v - _by_table(t.rates, t.forces, t.extrapolation, v)
+
+
+def _sides(scene: Scene) -> list[tuple[float, float]]:
+    """Side and position of each compliant stop."""
+    stops = scene.stops
+    both = ((-1.0, stops.l_min), (1.0, stops.l_max)) if not math.isnan(stops.stiffness) else ()
+    return [(side, at) for side, at in both if not math.isnan(at)]
+
+
+def _push(scene: Scene, stop: tuple[float, float], x: float, v: float) -> float:
+    """Force k d + c min(d / d0, 1) d' of a stop, which acts where it and the depth d > 0, N."""
+    stops, (side, at) = scene.stops, stop
+    c = 0.0 if math.isnan(stops.damping) else stops.damping
+    depth = side * (x - at)
+    share = min(max(depth, 0.0) / stops.damping_depth, 1.0)
+    return stops.stiffness * depth + c * share * side * v
+
+
+def stop_force(scene: Scene, x: float, v: float) -> float:
+    """Force of the compliant stops on the body, N."""
+    found = 0.0
+    for side, at in _sides(scene):
+        if side * (x - at) > 0.0:
+            found -= side * max(_push(scene, (side, at), x, v), 0.0)
+    return found
+
+
+def _kinks(scene: Scene) -> list[float]:
+    """Positions at which the stops' force has a kink."""
+    depth = scene.stops.damping_depth
+    return [x for side, at in _sides(scene) for x in (at, at + side * depth)]

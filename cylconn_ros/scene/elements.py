@@ -1,0 +1,221 @@
+"""Tables of springs and dampers, and compliant stops of a scene, and the rules for them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cylconn_ros.core.layout import MOST_POINTS
+from cylconn_ros.errors import SceneError
+from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.behaviour import Stops
+from cylconn_ros.scene.bodies import Body
+from cylconn_ros.scene.fields import SceneFields
+from cylconn_ros.scene.schema import show
+
+# What a period h carries, as multiples of m/h^2 and m/h, m the mass that slides. Solved steps keep
+# the energy of a spring at any stiffness; beyond 10 they skip most of what the spring does. Methods
+# that take the force from the sample are stable up to 4 and 2.
+SOLVED = (10.0, 20.0)
+FROM_THE_SAMPLE = (2.0, 1.0)
+
+
+class Table(NamedTuple):
+    """One table of a scene: names and numbers of its points and values."""
+
+    group: str
+    points_name: str
+    values_name: str
+    points: tuple[float, ...]
+    values: tuple[float, ...]
+    constant: bool
+
+    @property
+    def slopes(self) -> list[float]:
+        """Slopes between the points."""
+        pairs = itertools.pairwise(zip(self.points, self.values, strict=True))
+        return [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairs]
+
+
+def spring_tables(scene: SceneFields) -> tuple[Table, Table]:
+    """The tables of the springs on slide and spin; without points if there is none."""
+    one, two = scene.elasticity.table, scene.elasticity.rotational_table
+    return (
+        Table("elasticity.table", "positions", "forces", one.positions, one.forces,
+              one.extrapolation == "constant"),
+        Table("elasticity.rotational_table", "angles", "moments", two.angles, two.moments,
+              two.extrapolation == "constant"),
+    )  # fmt: skip
+
+
+def damper_tables(scene: SceneFields) -> tuple[Table, Table]:
+    """The tables of the dampers on slide and spin; without points if there is none."""
+    one, two = scene.damping.table, scene.damping.rotational_table
+    return (
+        Table("damping.table", "rates", "forces", one.rates, one.forces,
+              one.extrapolation == "constant"),
+        Table("damping.rotational_table", "rates", "moments", two.rates, two.moments,
+              two.extrapolation == "constant"),
+    )  # fmt: skip
+
+
+class CompliantStops(NamedTuple):
+    """Compliant stops of one component; infinite: none."""
+
+    low: float
+    high: float
+    stiffness: float
+    damping: float
+    depth: float
+
+
+def compliant_stops(stops: Stops, k: int) -> CompliantStops:
+    """The compliant stops of slide (k = 0) or spin (1)."""
+    if not stops.compliant[k]:
+        return CompliantStops(-math.inf, math.inf, 0.0, 0.0, 1.0)
+    low, high, stiffness, damping, depth = (
+        (stops.l_min, stops.l_max, stops.stiffness, stops.damping, stops.damping_depth),
+        (stops.theta_min, stops.theta_max, stops.rotational_stiffness, stops.rotational_damping,
+         stops.rotational_damping_depth),
+    )[k]  # fmt: skip
+    return CompliantStops(
+        -math.inf if math.isnan(low) else low,
+        math.inf if math.isnan(high) else high,
+        stiffness,
+        0.0 if math.isnan(damping) else damping,
+        depth,
+    )
+
+
+def has_elements(scene: SceneFields) -> bool:
+    """Whether the scene has a table of a spring or a damper, or a compliant stop."""
+    tables = (*spring_tables(scene), *damper_tables(scene))
+    return any(scene.stops.compliant) or any(table.points for table in tables)
+
+
+def check_elements(scene: SceneFields) -> None:
+    """Raise :class:`SceneError` for tables and compliant stops that cannot be."""
+    for table in spring_tables(scene):
+        _check_table(table)
+    for table in damper_tables(scene):
+        _check_table(table)
+        if table.points:
+            _check_opposes(table)
+    _check_compliant(scene.stops)
+    _check_period(scene)
+
+
+def _check_table(table: Table) -> None:
+    points, values = f"{table.group}.{table.points_name}", f"{table.group}.{table.values_name}"
+    if len(table.values) != len(table.points):
+        raise SceneError(
+            f"{values} = {show(table.values)}: must be as many numbers as {points} "
+            f"({len(table.values)} and {len(table.points)} given)"
+        )
+    if not table.points:
+        return
+    if not 2 <= len(table.points) <= MOST_POINTS:
+        raise SceneError(
+            f"{points} = {show(table.points)}: must be 2 to {MOST_POINTS} numbers "
+            f"({len(table.points)} given)"
+        )
+    if any(not low < high for low, high in itertools.pairwise(table.points)):
+        raise SceneError(f"{points} = {show(table.points)}: must be ascending")
+
+
+def _check_opposes(table: Table) -> None:
+    """A damper whose force does not oppose the rate would feed the motion."""
+    name = f"{table.group}.{table.values_name} = {show(table.values)}"
+    if any(x * y < 0.0 for x, y in zip(table.points, table.values, strict=True)):
+        raise SceneError(f"{name}: must have the sign of the rate, so that it takes energy")
+    first, last = (table.points[0], table.values[0]), (table.points[-1], table.values[-1])
+    rising = zip((table.slopes[0], table.slopes[-1]), (first, last), strict=True)
+    ends = [(0.0, y if table.constant else y - slope * x) for slope, (x, y) in rising]
+    at_rest = float(np.interp(0.0, table.points, table.values))
+    at_rest = ends[0][1] if table.points[0] > 0.0 else at_rest
+    at_rest = ends[1][1] if table.points[-1] < 0.0 else at_rest
+    if abs(at_rest) > 1e-12 * max(map(abs, table.values)):
+        raise SceneError(f"{name}: must be 0 at rate 0 ({at_rest:g} there)")
+    if not table.constant and min(table.slopes[0], table.slopes[-1]) < 0.0:
+        raise SceneError(
+            f"{name}: must not fall towards an end with {table.group}.extrapolation linear: beyond "
+            "it the force would change its sign and feed the motion"
+        )
+
+
+def _check_compliant(stops: Stops) -> None:
+    for k, (prefix, low, high, ends) in enumerate((
+        ("", stops.l_min, stops.l_max, "stops.l_min or stops.l_max"),
+        ("rotational_", stops.theta_min, stops.theta_max, "stops.theta_min or stops.theta_max"),
+    )):  # fmt: skip
+        damping = getattr(stops, f"{prefix}damping")
+        name = f"stops.{prefix}stiffness"
+        if not stops.compliant[k]:
+            if not math.isnan(damping):
+                raise SceneError(
+                    f"stops.{prefix}damping = {show(damping)}: needs {name}; a rigid stop has "
+                    "stops.restitution"
+                )
+        elif math.isnan(low) and math.isnan(high):
+            raise SceneError(f"{name} = {show(getattr(stops, f'{prefix}stiffness'))}: needs {ends}")
+    rigid = [x for k, x in enumerate((stops.l_min, stops.l_max)) if not stops.compliant[0]]
+    rigid += [x for x in (stops.theta_min, stops.theta_max) if not stops.compliant[1]]
+    if any(stops.compliant) and stops.restitution > 0.0 and all(map(math.isnan, rigid)):
+        raise SceneError(
+            f"stops.restitution = {show(stops.restitution)}: is that of rigid stops, and there is "
+            "none; a compliant stop loses energy by its damping"
+        )
+
+
+def _check_period(scene: SceneFields) -> None:
+    """What the period carries; unknown masses are not checked, nor methods without a period."""
+    method = "impulse" if scene.method == "auto" else scene.method
+    unknown = "unknown" in (scene.body_a.kind, scene.body_b.kind)
+    if unknown or scene.period == 0.0 or method not in ("impulse", "baumgarte"):
+        return
+    stiff, damp = SOLVED if TRAITS[method].has_limits else FROM_THE_SAMPLE
+    stops = scene.stops
+    given = [
+        (0, "stops.stiffness", compliant_stops(stops, 0).stiffness, stiff, 2),
+        (0, "stops.damping", compliant_stops(stops, 0).damping, damp, 1),
+        (1, "stops.rotational_stiffness", compliant_stops(stops, 1).stiffness, stiff, 2),
+        (1, "stops.rotational_damping", compliant_stops(stops, 1).damping, damp, 1),
+    ]
+    for order, share, tables in ((2, stiff, spring_tables(scene)), (1, damp, damper_tables(scene))):
+        for k, t in enumerate(tables):
+            name = f"{t.group}.{t.values_name}"
+            given.append((k, name, max(map(abs, t.slopes), default=0.0), share, order))
+    for k, name, value, share, order in given:
+        mass = _moved(scene, k)
+        most = share * mass / scene.period**order
+        if value > most:
+            unit = (("N/m", "N.s/m"), ("N.m/rad", "N.m.s/rad"))[k][2 - order]
+            what = "stiffness" if order == 2 else "damping"
+            moved = "mass that slides" if k == 0 else "inertia that turns"
+            raise SceneError(
+                f"{name}: a {what} of {value:g} {unit} is more than the period carries: must be at "
+                f"most {most:g} {unit}, {share:g} times the {moved} ({mass:g}) over the period "
+                f"({show(scene.period)} s){' squared' if order == 2 else ''} with the method "
+                f"{method}; give a shorter period or a softer element"
+            )
+
+
+def _moved(scene: SceneFields, k: int) -> float:
+    """Mass (k = 0) or inertia (1) that the component moves, from above."""
+    inverse = 0.0
+    nodes = (scene.node_a.position, scene.node_b.position)
+    for body, node in zip(scene.bodies, nodes, strict=True):
+        if body.kind == "free":
+            inverse += 1.0 / (body.mass if k == 0 else _greatest_inertia(body, node))
+    return 1.0 / inverse
+
+
+def _greatest_inertia(body: Body, node: tuple[float, ...]) -> float:
+    """Greatest inertia about an axis through the node."""
+    ixx, ixy, ixz, iyy, iyz, izz = body.inertia
+    tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    arm = np.subtract(node, body.com)
+    return float(np.linalg.eigvalsh(tensor)[-1] + body.mass * arm @ arm)
