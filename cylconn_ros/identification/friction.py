@@ -180,7 +180,7 @@ def estimate_friction(
     along = np.stack([cos, sin / law.radius], axis=1)
     ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
     ratio = law.ratio(slips.rates)
-    normal = law.normal(loads.radial, loads.moment)
+    normal = law.normal(loads.radial, loads.moment, data.bending(law.bending))
     deviation = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     return Identification(
         estimates=estimates,

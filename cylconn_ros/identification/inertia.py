@@ -32,9 +32,10 @@ from cylconn_ros.identification.likelihood.kinetic import (
     factors,
     fit_law,
     sandwich_covariance,
+    slopes_of,
     weighted_residuals,
 )
-from cylconn_ros.identification.likelihood.law import FrictionLaw, slopes
+from cylconn_ros.identification.likelihood.law import FrictionLaw
 from cylconn_ros.identification.likelihood.selection import choose, fit_excited
 from cylconn_ros.identification.slips import prepare
 from cylconn_ros.recording.samples import SampleArrays
@@ -165,7 +166,7 @@ class InertiaProblem:
         fitted = fit_law(data, model.law, model.free)
         inverse, _ = factors(data, fitted.law)
         r = weighted_residuals(data, fitted.law, inverse)
-        free, rates = list(fitted.free), data.windows.rates
+        free = list(fitted.free)
         known = np.zeros((len(data), 2, len(self.names)))
         middle = self._measured.time - 0.5 * self._measured.dt
         for k, name in enumerate(self.names):
@@ -175,7 +176,7 @@ class InertiaProblem:
                 mass = values[0] if "mass" in self.names else self._value("mass")
                 force = force - mass * self._weight
             known[:, at, k] = np.interp(data.windows.time, middle, force)
-        columns = np.concatenate([slopes(fitted.law, rates, data.loads, free), known], axis=2)
+        columns = np.concatenate([slopes_of(data, fitted.law, free), known], axis=2)
         j = -np.einsum("nij,njk->nik", inverse, columns)
         scale = np.maximum(np.sqrt(np.square(j).sum(axis=(0, 1))), 1e-300)
         j /= scale

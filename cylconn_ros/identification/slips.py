@@ -84,12 +84,6 @@ def prepare(
 def start_law(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
     """Return the friction law of the parameters, at which the search starts."""
     friction = scene.friction
-    if friction.overlap_change != "constant" or friction.contact_centre not in ("auto", "body_b"):
-        raise IdentifyError(
-            f"friction.overlap_change = {friction.overlap_change}, friction.contact_centre = "
-            f"{friction.contact_centre}: must be constant and body_b, as the overlap is estimated "
-            "as one number; record the joint within a range in which it changes little"
-        )
     radius = known.get("radius", friction.radius)
     if not np.isfinite(radius):
         raise IdentifyError(

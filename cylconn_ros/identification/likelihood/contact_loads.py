@@ -122,6 +122,19 @@ class Calibrated:
             changes=np.sqrt(np.maximum(np.diag(true), 0.0)),
         )
 
+    def bending(self, first: float) -> Array:
+        """Return 2/L (n,), 1/m, if it is ``first`` at the slide at which the overlap is L0."""
+        return self.windows.contact.bending(first, self.windows.places[:, 0])
+
+    def bendings(self, first: float) -> tuple[Array, Array]:
+        """Return 2/L (n,) and its derivatives (n,) by ``first``."""
+        slope = self.windows.contact.slope(first, self.windows.places[:, 0])
+        return self.bending(first), slope
+
+    def normal(self, bending: float, preload: float) -> Array:
+        """Return FN (n,), N, of a law with ``bending`` 2/L0; not its absolute value."""
+        return np.asarray(self.loads[:, 0] + self.bending(bending) * self.loads[:, 1] + preload)
+
     def take(self, rows: NDArray) -> Calibrated:
         """Return the windows ``rows`` (indices or a mask)."""
         names = ("loads", "force", "own", "rest", "shared")

@@ -91,14 +91,17 @@ def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
     turn[:, 0, 0], turn[:, 0, 1] = cos, sin / law.radius
     turn[:, 1, 0], turn[:, 1, 1] = -sin, cos / law.radius
     v = turn @ data.own @ turn.transpose(0, 2, 1)
-    loads = np.array([1.0, law.bending])
+    bending = data.bending(law.bending)
     # e = force - friction, friction = -ratio (1, 2/L) loads along: de/dloads = +ratio (1, 2/L).
-    v[:, 0, 0] += ratio**2 * (data.rest @ loads @ loads)
-    cross = ratio[:, None] * np.einsum("nlf,l,nkf->nk", data.shared, loads, turn)
+    rest, shared = data.rest, data.shared
+    load = rest[:, 0, 0] + bending * (rest[:, 0, 1] + rest[:, 1, 0] + bending * rest[:, 1, 1])
+    v[:, 0, 0] += ratio**2 * load
+    both = shared[:, 0] + bending[:, None] * shared[:, 1]
+    cross = ratio[:, None] * np.einsum("nf,nkf->nk", both, turn)
     v[:, 0, 0] += 2.0 * cross[:, 0]
     v[:, 0, 1] += cross[:, 1]
     v[:, 1, 0] += cross[:, 1]
-    limit = ratio * (data.loads @ loads + law.preload)
+    limit = ratio * (data.loads[:, 0] + bending * data.loads[:, 1] + law.preload)
     spread = w.rate_noise * [1.0, law.radius]
     v[:, 1, 1] += np.square(limit / size) * (
         np.square(sin * spread[:, 0]) + np.square(cos * spread[:, 1])
@@ -114,10 +117,21 @@ def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
     return inverse @ turn, 2.0 * (np.log(a) + np.log(c))
 
 
+def friction_of(data: Calibrated, law: FrictionLaw) -> Array:
+    """Return (f1f, m1f) (n, 2) of ``law`` in the windows."""
+    return friction(law, data.windows.rates, data.loads, data.bending(law.bending))
+
+
+def slopes_of(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:
+    """Return the derivatives (n, 2, len(free)) of ``friction_of`` by the fitted vector."""
+    bendings = data.bendings(law.bending)
+    return slopes(law, data.windows.rates, data.loads, bendings, list(free))
+
+
 def weighted_residuals(data: Calibrated, law: FrictionLaw, weights: Array | None = None) -> Array:
     """Return V^-1/2 e (n, 2) of ``law``."""
     inverse = factors(data, law)[0] if weights is None else weights
-    e = data.force - friction(law, data.windows.rates, data.loads)
+    e = data.force - friction_of(data, law)
     return np.asarray(np.einsum("nij,nj->ni", inverse, e))
 
 
@@ -148,12 +162,12 @@ def fit_law(
     Raises IdentifyError if the traction does not oppose the slip.
     """
     chosen = list(free)
-    law, rates = start, data.windows.rates
+    law = start
     for _ in range(iterations):
         scale = parameter_scales(data, law)[chosen]
         inverse, _ = factors(data, law)
         r = weighted_residuals(data, law, inverse)
-        j = -np.einsum("nij,njk->nik", inverse, slopes(law, rates, data.loads, chosen)) * scale
+        j = -np.einsum("nij,njk->nik", inverse, slopes_of(data, law, chosen)) * scale
         step = _solve(j.reshape(-1, len(chosen)), -r.ravel())
         step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
         before = float(np.square(r).sum())
@@ -179,7 +193,7 @@ def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionL
     """Return the law, with a preload that keeps FN away from zero in every window."""
     changed = {}
     if PRELOAD in chosen:
-        contact = data.loads @ [1.0, law.bending]
+        contact = data.normal(law.bending, 0.0)
         least = LEAST_NORMAL * float(np.abs(contact).mean()) - float(contact.min())
         if law.preload < least:
             changed["preload"] = least
@@ -195,7 +209,7 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
     scale = parameter_scales(data, law)[chosen]
     inverse, _ = factors(data, law)
     r = weighted_residuals(data, law, inverse)
-    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    derivative = slopes_of(data, law, chosen)
     j = -np.einsum("nij,njk->nik", inverse, derivative) * scale
     bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-14)
     covariance = sandwich_covariance(j, r, bread)
@@ -219,7 +233,8 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
 def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
     """Return the changes (10,) of the vector that change the limit by 100 %, to first order."""
     radial, moment = (float(x) for x in data.loads.mean(axis=0))
-    force = max(radial + law.bending * moment + max(law.preload, 0.0), 1e-12)
+    bending = float(data.bending(law.bending).mean())
+    force = max(radial + bending * moment + max(law.preload, 0.0), 1e-12)
     limit = force * law.coefficient
     rate, spin = np.sqrt(np.square(data.windows.rates).mean(axis=0))
     scales = np.ones(len(law.vector))
@@ -246,7 +261,7 @@ def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]
     """
     chosen = list(free)
     inverse, _ = factors(data, law)
-    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    derivative = slopes_of(data, law, chosen)
     j = np.einsum("nij,njk->nik", inverse, derivative) * parameter_scales(data, law)[chosen]
     _, sizes, vt = np.linalg.svd(j.reshape(-1, len(chosen)), full_matrices=False)
     sizes = np.maximum(sizes, 1e-9 * sizes.max(initial=1e-300))
@@ -256,7 +271,7 @@ def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]
 def unexplained(data: Calibrated, law: FrictionLaw, free: Sequence[int], k: int) -> float:
     """Return the share of the effect of parameter ``k`` that parameters ``free`` cannot imitate."""
     inverse, _ = factors(data, law)
-    derivative = slopes(law, data.windows.rates, data.loads, [*free, k])
+    derivative = slopes_of(data, law, [*free, k])
     j = np.einsum("nij,njk->nik", inverse, derivative).reshape(-1, len(free) + 1)
     j = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     rest = j[:, -1] - j[:, :-1] @ _solve(j[:, :-1], j[:, -1])

@@ -320,7 +320,7 @@ def fit_excited(
         free = [j for j in free if j != OVERLAP]
     # A first estimate of the coefficient, for the predicted deviations.
     traction = np.hypot(data.force[:, 0], data.force[:, 1] / start.radius)
-    normal = start.normal(data.loads[:, 0], data.loads[:, 1])
+    normal = np.abs(data.normal(start.bending, start.preload))
     guess = float(traction.mean() / max(normal.mean(), 1e-300))
     law = dataclasses.replace(start, coefficient=min(max(guess, 1e-3), 10.0))
     while True:
