@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 FLOOR = 1e-3  # of the median traction: least standard deviation of a residual
 SECOND_ORDER = 1e-4  # of the traction: error of a window's forces by the finite sample period
 MAX_ITERATIONS = 60
-CONVERGED = 1e-9  # step, in units of parameter_scales
+CONVERGED = 1e-6  # step, in units of parameter_scales
 LEAST_NORMAL = 0.05  # of the mean load: smallest FN that a law may have in a window
 LARGEST_STEP = 0.7  # in units of parameter_scales
 
@@ -84,37 +84,36 @@ def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
 
     The first component of V^-1/2 e is along the slip direction, the second one across.
     """
-    w = data.windows
-    size, cos, sin = slip(w.rates, law.radius)
+    w, own, radius = data.windows, data.own, law.radius
+    size, cos, sin = slip(w.rates, radius)
     ratio = law.ratio(w.rates)
-    turn = np.zeros((len(w), 2, 2))  # to (along, across) in N
-    turn[:, 0, 0], turn[:, 0, 1] = cos, sin / law.radius
-    turn[:, 1, 0], turn[:, 1, 1] = -sin, cos / law.radius
-    v = turn @ data.own @ turn.transpose(0, 2, 1)
+    # Covariance of the force turned to (along, across), N. Written out: it is the innermost loop.
+    c1, s1, c2, s2 = cos, sin / radius, cos / radius, sin
+    v00, v01, v11 = own[:, 0, 0], own[:, 0, 1], own[:, 1, 1]
+    along = c1 * c1 * v00 + s1 * (2.0 * c1 * v01 + s1 * v11)
+    both = -c1 * s2 * v00 + (c1 * c2 - s1 * s2) * v01 + s1 * c2 * v11
+    across = s2 * s2 * v00 + c2 * (-2.0 * s2 * v01 + c2 * v11)
     bending = data.bending(law.bending)
     # e = force - friction, friction = -ratio (1, 2/L) loads along: de/dloads = +ratio (1, 2/L).
     rest, shared = data.rest, data.shared
-    load = rest[:, 0, 0] + bending * (rest[:, 0, 1] + rest[:, 1, 0] + bending * rest[:, 1, 1])
-    v[:, 0, 0] += ratio**2 * load
-    both = shared[:, 0] + bending[:, None] * shared[:, 1]
-    cross = ratio[:, None] * np.einsum("nf,nkf->nk", both, turn)
-    v[:, 0, 0] += 2.0 * cross[:, 0]
-    v[:, 0, 1] += cross[:, 1]
-    v[:, 1, 0] += cross[:, 1]
+    load = rest[:, 0, 0] + bending * (2.0 * rest[:, 0, 1] + bending * rest[:, 1, 1])
+    slide = ratio * (shared[:, 0, 0] + bending * shared[:, 1, 0])
+    spin = ratio * (shared[:, 0, 1] + bending * shared[:, 1, 1])
+    along = along + ratio * ratio * load + 2.0 * (c1 * slide + s1 * spin)
+    both = both + c2 * spin - s2 * slide
     limit = ratio * (data.loads[:, 0] + bending * data.loads[:, 1] + law.preload)
-    spread = w.rate_noise * [1.0, law.radius]
-    v[:, 1, 1] += np.square(limit / size) * (
-        np.square(sin * spread[:, 0]) + np.square(cos * spread[:, 1])
-    )
+    spread = np.square(sin * w.rate_noise[:, 0]) + np.square(cos * radius * w.rate_noise[:, 1])
+    across = across + np.square(limit / size) * spread
     floor = (FLOOR * float(np.median(np.abs(limit)))) ** 2 + 1e-300
-    v[:, 0, 0] = np.maximum(v[:, 0, 0], 0.0) + floor
-    v[:, 1, 1] = np.maximum(v[:, 1, 1], 0.0) + floor
-    a = np.sqrt(v[:, 0, 0])
-    b = v[:, 1, 0] / a
-    c = np.sqrt(np.maximum(v[:, 1, 1] - b * b, 1e-6 * v[:, 1, 1]))
-    inverse = np.zeros_like(v)
-    inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 1, 0] = 1.0 / a, 1.0 / c, -b / (a * c)
-    return inverse @ turn, 2.0 * (np.log(a) + np.log(c))
+    across = np.maximum(across, 0.0) + floor
+    a = np.sqrt(np.maximum(along, 0.0) + floor)
+    b = both / a
+    c = np.sqrt(np.maximum(across - b * b, 1e-6 * across))
+    inverse = np.empty((len(w), 2, 2))
+    inverse[:, 0, 0], inverse[:, 0, 1] = c1 / a, s1 / a
+    back = b / a
+    inverse[:, 1, 0], inverse[:, 1, 1] = (-s2 - back * c1) / c, (c2 - back * s1) / c
+    return inverse, 2.0 * (np.log(a) + np.log(c))
 
 
 def friction_of(data: Calibrated, law: FrictionLaw) -> Array:
@@ -132,7 +131,15 @@ def weighted_residuals(data: Calibrated, law: FrictionLaw, weights: Array | None
     """Return V^-1/2 e (n, 2) of ``law``."""
     inverse = factors(data, law)[0] if weights is None else weights
     e = data.force - friction_of(data, law)
-    return np.asarray(np.einsum("nij,nj->ni", inverse, e))
+    return _product(inverse, e)
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    """Return the products (n, 2) of matrices (n, 2, 2) and vectors (n, 2)."""
+    found = np.empty_like(vectors)
+    found[:, 0] = matrices[:, 0, 0] * vectors[:, 0] + matrices[:, 0, 1] * vectors[:, 1]
+    found[:, 1] = matrices[:, 1, 0] * vectors[:, 0] + matrices[:, 1, 1] * vectors[:, 1]
+    return found
 
 
 def cost(data: Calibrated, law: FrictionLaw) -> float:

@@ -121,12 +121,13 @@ def slopes(
     mu_n = law.coefficient * normal
     found = np.zeros((len(rates), 2, len(free)))
     for column, k in enumerate(free):
-        if k == RADIUS:
-            h = 1e-5
-            up, down = (dataclasses.replace(law, radius=law.radius * np.exp(d)) for d in (h, -h))
-            change = friction(up, rates, loads, bending[0])
-            change -= friction(down, rates, loads, bending[0])
-            found[:, :, column] = change / (2.0 * h)
+        if k == RADIUS:  # by ln R: d|s| = |s| sin^2, dcos = -cos sin^2, dsin = sin cos^2
+            square = sin * sin
+            turned = law.direction * -cos * square * (1.0 + law.stribeck * decayed)
+            faster = -way * law.stribeck * law.decay * size * square * decayed
+            change, whole = mu_n * (turned + faster), ratio * normal
+            found[:, 0, column] = cos * (whole * square - change)
+            found[:, 1, column] = -law.radius * sin * (change + whole * (1.0 + cos * cos))
         elif k in (VISCOUS, VISCOUS_SPIN):
             found[:, k - VISCOUS, column] = -rates[:, k - VISCOUS]
         elif k == OFFSET:
