@@ -58,6 +58,7 @@ Array = NDArray[np.float64]
 PARAMETERS = ("preload", "overlap", "radius")
 """Parameters that need not be estimated if they are known."""
 MAX_RELATIVE_DEVIATION = 0.4  # relative standard deviation of mu
+SLOWER_FASTER = "record slower and faster slip in both directions under several loads"
 COARSE_DEVIATIONS = 2.0  # standard deviations of the change with half of the samples
 
 
@@ -132,6 +133,7 @@ def estimate_friction(
     known: Mapping[str, float] | None = None,
     drive: Array | None = None,
     unknown: Sequence[str] = (),
+    coarse: tuple[SampleArrays, Array | None] | None = None,
 ) -> Identification:
     """Estimate friction from samples.
 
@@ -143,6 +145,8 @@ def estimate_friction(
             sample; default: the constant one of the scene.
         unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
             too; the scene's are then the start of the search. It needs known forces.
+        coarse: the same motion at half of the bandwidth, with its drive; the change of the
+            estimates widens the intervals. Default: every second sample.
 
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
@@ -166,12 +170,15 @@ def estimate_friction(
         fitted, inertia = beside.widened(fitted)
     residuals = residuals_of(data, fitted)
     patterns = find_patterns(data, fitted, residuals)
-    coarse = _coarse_change(scene, samples, drive, fitted, max(prepared.taken, 1))
+    taken = (max(prepared.taken, 1) + 1) // 2
+    change = _coarse_change(scene, *(coarse or _thinned(samples, drive)), fitted, taken)
     rest = static.estimate_static(measured, segments, fitted)
-    estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
+    estimates = {e.name: e for e in estimates_of(fitted, change, choice, known, scene)}
     estimates["static_coefficient"] = static_estimate(rest)
     estimates |= {e.name: e for e in inertia}
     doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
+    if choice.undetermined:
+        doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
     doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
     if reason:
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
@@ -249,25 +256,29 @@ def _refuse_noise(choice: Choice) -> None:
         if choice.terms:
             raise IndeterminateError(
                 f"the motion does not separate the coefficient from {', '.join(choice.terms)}: "
-                f"{seen}; record slower and faster slip under several loads"
+                f"{seen}; {SLOWER_FASTER}"
             )
         raise IndeterminateError(f"no friction shows beyond the noise: {seen}")
+
+
+def _thinned(samples: SampleArrays, drive: Array | None) -> tuple[SampleArrays, Array | None]:
+    """Return every second sample, and the mean of the drive over two intervals."""
+    thinned = None
+    if drive is not None:
+        thinned = drive[::2].copy()
+        thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
+    return samples.every_second(), thinned
 
 
 def _coarse_change(
     scene: Scene, samples: SampleArrays, drive: Array | None, fitted: KineticFit, taken: int
 ) -> Array:
-    """Return the change (free,) of the estimates, beyond noise, with every second sample removed.
+    """Return the change (free,) of the estimates, beyond noise, with other samples of the motion.
 
-    Zeros if the remaining samples do not suffice.
+    Zeros if these do not suffice.
     """
     try:
-        thinned = None
-        if drive is not None:  # mean of the two intervals
-            thinned = drive[::2].copy()
-            thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
-        measured = measure_intervals(scene, samples.every_second(), thinned)
-        measured = together(measured, (taken + 1) // 2)
+        measured = together(measure_intervals(scene, samples, drive), taken)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = slip_windows(measured, segments, fitted.law.radius)
         data = Calibrated.of(slips, ContactLoads.of(slips))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,10 +18,15 @@ from cylconn_ros.identification.forces.long_recordings import (
     collect_bounded,
     joined,
 )
+from cylconn_ros.identification.forces.pose_twists import (
+    BANDWIDTH,
+    has_no_twists,
+    twists_from_poses,
+)
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.identification.inertia import UNKNOWN
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
+from cylconn_ros.recording.samples import SampleArrays, lacks_twists, synchronized_samples
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -36,6 +42,7 @@ def identify(
     drive: str = "",
     others: Sequence[Path | str | Run] = (),
     unknown: Sequence[str] = (),
+    bandwidth: float | None = None,
 ) -> Identification:
     """Estimate the friction of a joint from a recorded motion.
 
@@ -54,6 +61,8 @@ def identify(
             fitted together.
         unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
             too, from recorded loads or efforts along the slot; those of the scene are the start.
+        bandwidth: take the twists from the poses, by a smoother of this bandwidth, Hz. Default: the
+            recorded twists; if there are none, or all are zero, those of the poses at 50 Hz.
 
     Returns
     -------
@@ -83,22 +92,35 @@ def identify(
     if scene is None:
         scene = _stored_scene(runs[0])
     values = {name: _value(scene, name, value) for name, value in (known or {}).items()}
-    parts, drives, left_out = [], [], 0
+    from_poses = bandwidth is not None or any(lacks_twists(run, remap) for run in runs)
+    parts, coarse, left_out, remarks = [], [], 0, []
     for run in runs:
         samples, left = collect_bounded(
-            synchronized_samples(run, scene, remap), MOST_SAMPLES // len(runs)
+            synchronized_samples(run, scene, remap, twists=not from_poses),
+            MOST_SAMPLES // len(runs),
         )
-        parts.append(samples)
-        drives.append(known_drive(run, samples, drive))
+        acting = known_drive(run, samples, drive)
         left_out += left
+        if from_poses or has_no_twists(samples):
+            wanted = bandwidth or BANDWIDTH
+            smoothed = twists_from_poses(samples, wanted, acting)
+            coarse.append(_coarser(samples, acting, wanted))
+            samples, acting = smoothed.samples, smoothed.drive
+            remarks.append(smoothed.describe())
+        parts.append((samples, acting))
+    if remarks:
+        scene = dataclasses.replace(scene, period=0.0)  # that of the smoother's groups
     for name in unknown:
         if name not in UNKNOWN:
             raise IdentifyError(f"unknown: {name!r} is not one of {', '.join(UNKNOWN)}")
-    drive_of_all = _joined_drives(parts, drives, scene)
-    found = estimate_friction(scene, joined(parts), values, drive_of_all, unknown)
+    samples, acting = _together(parts, scene)
+    result = estimate_friction(
+        scene, samples, values, acting, unknown,
+        _together(coarse, scene) if len(coarse) == len(parts) else None,
+    )  # fmt: skip
     if left_out:
-        found.skipped["in stretches of a long recording that were left out"] = left_out
-    return found
+        result.skipped["in stretches of a long recording that were left out"] = left_out
+    return dataclasses.replace(result, remarks=(*dict.fromkeys(remarks), *result.remarks))
 
 
 def _opened(recording: Path | str | Run, connector: str) -> Run:
@@ -107,18 +129,25 @@ def _opened(recording: Path | str | Run, connector: str) -> Run:
     return read_run(recording, connector)
 
 
-def _joined_drives(
-    parts: Sequence[SampleArrays], drives: Sequence[Array | None], scene: Scene
-) -> Array | None:
-    """Return the drives of all recordings; that of the scene where none was recorded."""
-    if all(one is None for one in drives):
-        return None
+Part = tuple[SampleArrays, Array | None]
+"""Samples of a recording and its drive."""
+
+
+def _coarser(samples: SampleArrays, drive: Array | None, bandwidth: float) -> Part:
+    """Return the samples with twists at half of the bandwidth."""
+    found = twists_from_poses(samples, 0.5 * bandwidth, drive)
+    return found.samples, found.drive
+
+
+def _together(parts: Sequence[Part], scene: Scene) -> Part:
+    """Join recordings; the drive is that of the scene where none was recorded."""
+    samples = joined([part for part, _ in parts])
+    if all(drive is None for _, drive in parts):
+        return samples, None
     command = scene.command
     constant = np.nan_to_num([command.slide.force, command.spin.force])
-    return np.concatenate([
-        np.tile(constant, (len(part), 1)) if one is None else one
-        for part, one in zip(parts, drives, strict=True)
-    ])  # fmt: skip
+    drives = [np.tile(constant, (len(part), 1)) if one is None else one for part, one in parts]
+    return samples, np.concatenate(drives)
 
 
 def identify_axis(

@@ -45,8 +45,21 @@ def vectors(table: Table, names: tuple[str, ...], axes: str = "xyz") -> Array:
     return np.column_stack([table[f"{name}.{axis}"] for name in names for axis in axes])
 
 
+def lacks_twists(run: Run, remap: Mapping[str, str] | None = None) -> bool:
+    """Whether a body has recorded poses but no twists."""
+    streams, _ = _input_streams(run, remap or {})
+    recorded = [one for one in streams if one.kind is not None and run.counts.get(one.topic, 1)]
+    posed = {one.body for one in recorded if one.kind and one.kind.pose_fields[0]}
+    moving = {one.body for one in recorded if one.kind and _has_twist(one.kind)}
+    return bool(posed - moving)
+
+
+def _has_twist(kind: InputType) -> bool:
+    return kind.carries_motion and bool(kind.pair_fields[0])
+
+
 def synchronized_samples(
-    run: Run, scene: Scene, remap: Mapping[str, str] | None = None
+    run: Run, scene: Scene, remap: Mapping[str, str] | None = None, *, twists: bool = True
 ) -> Iterator[RecordedSample]:
     """Yield the complete samples of a run, in recording order.
 
@@ -54,11 +67,14 @@ def synchronized_samples(
         run: the recording.
         scene: the parameters of the connector.
         remap: topics of the recording by input name, e.g. ``{"body_b/pose": "/arm/pose"}``.
+        twists: False: a pose alone makes a sample, with a twist of zero.
 
     Raises RecordingError if a topic of ``remap`` is missing, or an input topic has no columns.
     """
     matcher = SampleMatcher(scene)
     streams, wrench = _input_streams(run, remap or {})
+    if not twists:
+        streams = [one for one in streams if one.kind is None or one.kind.topic != "twist"]
     used = [stream for stream in streams if run.counts.get(stream.topic, 1)]
     waits = any(one.kind is not None and not one.kind.carries_motion for one in used)
     loads = any(one.kind is not None and not one.kind.carries_motion for one in streams)
@@ -68,7 +84,7 @@ def synchronized_samples(
             used.append(_Stream(wrench, 0, None, len(_KINDS)))
     if not loads:  # a simulated run has no load topics: its loads are in the scene
         matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    for handler, row in _in_order(run, used, matcher):
+    for handler, row in _in_order(run, used, matcher, twists):
         found = handler(row)
         while found is not None:
             if not found.repeated:
@@ -109,7 +125,7 @@ def _input_streams(run: Run, remap: Mapping[str, str]) -> tuple[list[_Stream], s
 
 
 def _in_order(
-    run: Run, streams: Sequence[_Stream], matcher: SampleMatcher
+    run: Run, streams: Sequence[_Stream], matcher: SampleMatcher, twists: bool
 ) -> Iterator[tuple[Handler, int]]:
     """Yield the handler and row of every message, by log time; at equal times by rank.
 
@@ -140,7 +156,7 @@ def _in_order(
             if stream.kind is None:
                 handlers.append(functools.partial(_end_wait, matcher, table.stamp))
             else:
-                handlers.append(_handler(matcher, stream.body, stream.kind, table))
+                handlers.append(_handler(matcher, stream.body, stream.kind, table, twists))
     done, _ = _split(places, everything=True)
     yield from ((handlers[h], row) for row, h in done)
 
@@ -235,7 +251,7 @@ def _end_wait(
 
 
 def _handler(
-    matcher: SampleMatcher, body: int, kind: InputType, table: Table
+    matcher: SampleMatcher, body: int, kind: InputType, table: Table, twists: bool
 ) -> Callable[[int], SynchronizedSample | None]:
     """Return the function that passes row k of a topic's table to the synchronizer."""
     frames, stamps = table["header.frame_id"], table.stamp
@@ -248,6 +264,8 @@ def _handler(
     if kind.pose_fields[0]:
         position, orientation = kind.pose_fields
         poses = np.hstack([vectors(table, (position,)), vectors(table, (orientation,), "xyzw")])
+    if kind.carries_motion and not (twists or kind.pair_fields[0]):
+        pairs = np.zeros((len(table), 6))
     children = table["child_frame_id"] if kind.has_child_frame else None
     return lambda k: matcher.motion(
         body,

@@ -79,9 +79,7 @@ class Windows:
 
 
 _ARRAYS = tuple(
-    field.name
-    for field in dataclasses.fields(Windows)
-    if field.name not in ("rejected", "contact")
+    field.name for field in dataclasses.fields(Windows) if field.name not in ("rejected", "contact")
 )
 
 
