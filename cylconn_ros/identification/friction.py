@@ -44,6 +44,7 @@ from cylconn_ros.identification.likelihood.patterns import (
     unexplained_spread,
 )
 from cylconn_ros.identification.likelihood.selection import Choice, choose
+from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
     free_parameters,
     prepare,
@@ -173,13 +174,17 @@ def estimate_friction(
     taken = (max(prepared.taken, 1) + 1) // 2
     change = _coarse_change(scene, *(coarse or _thinned(samples, drive)), fitted, taken)
     rest = static.estimate_static(measured, segments, fitted)
-    estimates = {e.name: e for e in estimates_of(fitted, change, choice, known, scene)}
+    estimates = {e.name: e for e in estimates_of(fitted, change, choice, known, measured)}
     estimates["static_coefficient"] = static_estimate(rest)
     estimates |= {e.name: e for e in inertia}
     doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
     if choice.undetermined:
         doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
+    doubt, remark = judge_overlap(prepared, choice.fitted)
+    doubts = (*filter(None, [doubt]), *doubts)
     doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
+    if remark and not reason:
+        remarks += (remark,)
     if reason:
         estimates = {name: withheld(e, reason) for name, e in estimates.items()}
     law = fitted.law
