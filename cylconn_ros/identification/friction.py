@@ -29,7 +29,7 @@ from cylconn_ros.identification.forces.segments import (
     find_segments,
     slip_rate,
 )
-from cylconn_ros.identification.inertia import estimate_inertia
+from cylconn_ros.identification.inertia import InertiaProblem, estimate_inertia
 from cylconn_ros.identification.likelihood.contact_loads import (
     Calibrated,
     ContactLoads,
@@ -156,7 +156,8 @@ def estimate_friction(
     samples = SampleArrays.collect(samples)
     free, beside = free_parameters(known), None
     if unknown:
-        beside = estimate_inertia(scene, samples, drive, start, free, unknown)
+        problem = InertiaProblem(scene, samples, drive, start, free, unknown)
+        beside = estimate_inertia(problem)
         scene = beside.scene
     measured = measure_intervals(scene, samples, drive)
     delay = twist_delay(measured)

@@ -82,7 +82,18 @@ class InertiaProblem:
         free: Sequence[int],
         names: Sequence[str],
     ) -> None:
-        """Compute the forces; raise IndeterminateError if no known force acts along the slot."""
+        """Compute the forces.
+
+        Args:
+            scene: with start values of the unknowns.
+            samples: complete samples of a motion with known loads.
+            drive: (n, 2) known force and moment of a drive, or None.
+            start: friction law at which the search begins; free: its parameters to be estimated.
+            names: the unknowns, of UNKNOWN.
+
+        Raises IndeterminateError if no known force acts along the slot, IdentifyError if both
+        bodies or none are free.
+        """
         self.names = tuple(name for name in UNKNOWN if name in names)
         self._scene, self._start, self._free = scene, start, list(free)
         self._body = _free_body(scene)
@@ -262,27 +273,11 @@ class InertiaFit(NamedTuple):
         return dataclasses.replace(fitted, covariance=covariance), estimates
 
 
-def estimate_inertia(
-    scene: Scene,
-    samples: SampleArrays,
-    drive: Array | None,
-    start: FrictionLaw,
-    free: Sequence[int],
-    names: Sequence[str],
-) -> InertiaFit:
-    """Estimate mass and inertia about the slot of the free body.
+def estimate_inertia(problem: InertiaProblem) -> InertiaFit:
+    """Estimate mass and inertia about the slot of the free body, from the values of the scene on.
 
-    Args:
-        scene: with start values of both.
-        samples: complete samples of a motion with known loads.
-        drive: (n, 2) known force and moment of a drive, or None.
-        start: friction law at which the search begins; free: its parameters to be estimated.
-        names: of UNKNOWN.
-
-    Raises IndeterminateError if no known force acts along the slot or the search does not converge,
-    IdentifyError if both bodies or none are free.
+    Raises IndeterminateError if the search does not converge.
     """
-    problem = InertiaProblem(scene, samples, drive, start, free, names)
     values = problem.given.copy()
     model = problem.model(values, coulomb=True)  # at wrong values the data demand wrong terms
     for _ in range(ROUNDS):
