@@ -192,12 +192,20 @@ class SampleArrays(Sequence[RecordedSample]):
         h: (n,) s since the previous sample.
         restarted: (n,) bool, a new history begins.
         samples: (n, NSAMPLE).
+        averaged: bool, the loads are means over the interval that begins with the sample.
     """
 
     def __init__(
-        self, stamps: NDArray[np.int64], h: Array, restarted: NDArray[np.bool_], samples: Array
+        self,
+        stamps: NDArray[np.int64],
+        h: Array,
+        restarted: NDArray[np.bool_],
+        samples: Array,
+        *,
+        averaged: bool = False,
     ) -> None:
         self.stamps, self.h, self.restarted, self.samples = stamps, h, restarted, samples
+        self.averaged = averaged
 
     @classmethod
     def collect(cls, samples: Iterable[RecordedSample]) -> SampleArrays:
@@ -226,7 +234,8 @@ class SampleArrays(Sequence[RecordedSample]):
     def __getitem__(self, k: slice) -> SampleArrays: ...
     def __getitem__(self, k: int | slice) -> RecordedSample | SampleArrays:
         if isinstance(k, slice):
-            return SampleArrays(self.stamps[k], self.h[k], self.restarted[k], self.samples[k])
+            rows = (self.stamps[k], self.h[k], self.restarted[k], self.samples[k])
+            return SampleArrays(*rows, averaged=self.averaged)
         return RecordedSample(
             int(self.stamps[k]), float(self.h[k]), bool(self.restarted[k]), self.samples[k]
         )
@@ -237,7 +246,9 @@ class SampleArrays(Sequence[RecordedSample]):
         count = len(h) - 1
         h[1:] += self.h[1::2][:count]
         restarted[1:] |= self.restarted[1::2][:count]
-        return SampleArrays(self.stamps[::2], h, restarted, self.samples[::2])
+        return SampleArrays(
+            self.stamps[::2], h, restarted, self.samples[::2], averaged=self.averaged
+        )
 
 
 def _end_wait(

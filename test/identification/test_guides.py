@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from scipy.stats import binom
 
-from cylconn_ros.bench.identification import guides
+from cylconn_ros.bench.identification import guides, sensors
 from cylconn_ros.cli.main import main
 from cylconn_ros.identification.friction import estimate_friction
 
@@ -54,7 +54,7 @@ def test_every_draw_finds_the_terms_and_the_values(name: str) -> None:
     truth = {"coefficient": mean, "c1": guide.viscous, "direction": half / mean}
     rows, inside, right = guides.motion(guide), dict.fromkeys(truth, 0), 0
     for seed in range(SEEDS):
-        found = estimate_friction(scene, guides.measured(rows, seed))
+        found = estimate_friction(scene, sensors.measured(rows, "white", seed))
         assert found.accepted
         right += found.choice.terms == TERMS[name]
         assert found["coefficient"].value == pytest.approx(mean, rel=0.1)

@@ -139,7 +139,9 @@ def _loads(samples: SampleArrays, usual: float) -> Array:
     are those interpolated: the mean over n periods is (n - 1)/(2 n) of the way to the next load.
     """
     loads: Array = samples.samples[:, layout.LOADS].copy()
-    periods = np.maximum(np.rint(samples.h[1:] / usual), 1.0)
+    if samples.averaged:
+        return loads
+    periods = np.maximum(samples.h[1:] / usual, 1.0)
     share = 0.5 * (1.0 - 1.0 / periods)
     share[samples.restarted[1:]] = 0.0
     loads[:-1] += share[:, None] * np.diff(samples.samples[:, layout.LOADS], axis=0)

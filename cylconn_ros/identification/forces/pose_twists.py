@@ -98,7 +98,7 @@ def twists_from_poses(
     rows[:, layout.LOADS] = _loads(samples, groups, slope, begins, h)
     total = _drives(samples, drive, groups, slope, h) if drive is not None else None
     return PoseTwists(
-        SampleArrays(samples.stamps[middle], h, begins, rows), total,
+        SampleArrays(samples.stamps[middle], h, begins, rows, averaged=True), total,
         points, points * usual, HALF_POWER / (points * usual),
     )  # fmt: skip
 

@@ -22,7 +22,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.core.jit import COMPILED
 from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.likelihood import windows_kernel
 from cylconn_ros.identification.likelihood.contact_loads import Calibrated
 from cylconn_ros.identification.likelihood.law import (
     DECAY,
@@ -104,7 +106,7 @@ def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
     limit = ratio * (data.loads[:, 0] + bending * data.loads[:, 1] + law.preload)
     spread = np.square(sin * w.rate_noise[:, 0]) + np.square(cos * radius * w.rate_noise[:, 1])
     across = across + np.square(limit / size) * spread
-    floor = (FLOOR * float(np.median(np.abs(limit)))) ** 2 + 1e-300
+    floor = _least_variance(limit)
     across = np.maximum(across, 0.0) + floor
     a = np.sqrt(np.maximum(along, 0.0) + floor)
     b = both / a
@@ -172,17 +174,15 @@ def fit_law(
     law = start
     for _ in range(iterations):
         scale = parameter_scales(data, law)[chosen]
-        inverse, _ = factors(data, law)
-        r = weighted_residuals(data, law, inverse)
-        j = -np.einsum("nij,njk->nik", inverse, slopes_of(data, law, chosen)) * scale
-        step = _solve(j.reshape(-1, len(chosen)), -r.ravel())
+        inverse, r, j = _linearised(data, law, chosen, scale)
+        step = _solve(j, -r)
         step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-        before = float(np.square(r).sum())
+        before = float(r @ r)
         for _ in range(8):
             x = law.vector
             x[chosen] += step * scale
             tried = _bounded(data, law_from_vector(x), chosen)
-            if float(np.square(weighted_residuals(data, tried, inverse)).sum()) <= before:
+            if _square(data, tried, inverse) <= before:
                 break
             step = 0.5 * step
         moved = np.abs((tried.vector - law.vector)[chosen] / scale).max(initial=0.0)
@@ -190,6 +190,42 @@ def fit_law(
         if moved < CONVERGED:
             break
     return _finished(data, law, chosen)
+
+
+def _linearised(
+    data: Calibrated, law: FrictionLaw, chosen: list[int], scale: Array
+) -> tuple[Array, Array, Array]:
+    """Return weights, residuals (2 n,) and their derivatives (2 n, k) by the scaled parameters."""
+    n = len(data)
+    if not COMPILED:
+        inverse, _ = factors(data, law)
+        r = weighted_residuals(data, law, inverse)
+        j = -np.einsum("nij,njk->nik", inverse, slopes_of(data, law, chosen)) * scale
+        return inverse, r.ravel(), j.reshape(-1, len(chosen))
+    table, values = data.table, law.values
+    bending, slope = data.bendings(law.bending)
+    limit, weights = np.empty(n), np.empty((n, 4))
+    residuals, jacobian = np.empty(2 * n), np.empty((2 * n, len(chosen)))
+    windows_kernel.limits(table, bending, values, limit)
+    windows_kernel.evaluate(
+        table, bending, slope, values, _least_variance(limit), np.array(chosen, np.int64), scale,
+        weights, residuals, jacobian,
+    )  # fmt: skip
+    return weights, residuals, jacobian
+
+
+def _square(data: Calibrated, law: FrictionLaw, weights: Array) -> float:
+    """Return the sum of the squared residuals with the weights of ``_linearised``."""
+    if not COMPILED:
+        return float(np.square(weighted_residuals(data, law, weights)).sum())
+    bending = data.bending(law.bending)
+    return float(windows_kernel.squares(data.table, bending, law.values, weights))
+
+
+def _least_variance(limits: Array) -> float:
+    """Return the least variance of a residual along and across the slip, N^2."""
+    middle = len(limits) // 2
+    return float((FLOOR * float(np.partition(np.abs(limits), middle)[middle])) ** 2 + 1e-300)
 
 
 def _solve(j: Array, r: Array) -> Array:
@@ -239,11 +275,10 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
 
 def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
     """Return the changes (10,) of the vector that change the limit by 100 %, to first order."""
-    radial, moment = (float(x) for x in data.loads.mean(axis=0))
+    radial, moment, rate, spin = data.sizes
     bending = float(data.bending(law.bending).mean())
     force = max(radial + bending * moment + max(law.preload, 0.0), 1e-12)
     limit = force * law.coefficient
-    rate, spin = np.sqrt(np.square(data.windows.rates).mean(axis=0))
     scales = np.ones(len(law.vector))
     scales[PRELOAD] = force
     scales[OVERLAP] = force / max(moment, 1e-12 * force)

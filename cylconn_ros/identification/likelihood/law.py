@@ -63,9 +63,17 @@ class FrictionLaw:
         return np.asarray(np.abs(radial + bending * moment + self.preload))
 
     @property
+    def values(self) -> Array:
+        """The parameters (10,) in the order of NAMES, with 2/L."""
+        return np.array((
+            self.coefficient, self.preload, self.bending, self.radius, self.c1, self.cr1,
+            self.direction, self.offset, self.stribeck, self.decay,
+        ))  # fmt: skip
+
+    @property
     def vector(self) -> Array:
         """The fitted vector (10,) in the order of NAMES, with ln mu, 2/L, ln R and ln dc."""
-        v = np.array([getattr(self, name) for name in _FIELDS])
+        v = self.values
         v[[COEFFICIENT, RADIUS, DECAY]] = np.log(v[[COEFFICIENT, RADIUS, DECAY]])
         return v
 
@@ -78,9 +86,6 @@ class FrictionLaw:
     def without_coulomb(self, rates: Array) -> Array:
         """Return viscous friction and offset (n, 2), as they resist: N, N.m."""
         return np.asarray(rates * [self.c1, self.cr1] + [self.offset, 0.0])
-
-
-_FIELDS = tuple(field.name for field in dataclasses.fields(FrictionLaw))
 
 
 def law_from_vector(x: Array) -> FrictionLaw:
