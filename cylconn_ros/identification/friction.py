@@ -245,7 +245,8 @@ def _judge_noise(
     if taken == 0:
         doubts += (
             f"{noise.describe()}, also over up to {MOST_TOGETHER} samples; record twists that are "
-            "not filtered, or at a higher rate if the motion changes within a few samples",
+            "not filtered, or at a higher rate if the motion changes within a few samples; or take "
+            "the twists from the poses (--bandwidth 50)",
         )
     remarks: tuple[str, ...] = ()
     if taken > 1:

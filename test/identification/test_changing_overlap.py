@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import binom
 
 from cylconn_ros.bench.identification import joints, sensors
@@ -14,13 +15,15 @@ from cylconn_ros.identification.forces.contact import contact_of
 from cylconn_ros.identification.friction import estimate_friction
 from cylconn_ros.scene.packing import pack
 
+Array = NDArray[np.float64]
+
 # 200 in the long form: IDENTIFY_SEEDS=200.
 SEEDS = int(os.environ.get("IDENTIFY_SEEDS", "10"))
 TRUTH = {"coefficient": 0.2, "preload": 3.0, "overlap": 0.5, "radius": 0.02}
 
 
 @pytest.fixture(scope="module")
-def telescope() -> np.ndarray:
+def telescope() -> Array:
     """Exact samples of a telescope."""
     return joints.motion(joints.TELESCOPE)
 
@@ -32,7 +35,8 @@ def test_the_contact_is_that_of_the_step(change: str, centre: str) -> None:
         coefficient=0.2, radius=0.02, overlap=0.3, overlap_change=change, overlap_at=0.1,
         overlap_min=0.05, overlap_max=0.6, contact_centre=centre,
     )  # fmt: skip
-    contact, lengths = contact_of(scene, np.nan), np.linspace(-0.6, 0.8, 14)
+    contact = contact_of(scene, np.nan)
+    lengths: Array = np.linspace(-0.6, 0.8, 14, dtype=np.float64)
     expected = [overlap.contact_range(pack(scene), 0.0, length) for length in lengths]
     bending = 2.0 / np.array([one.overlap for one in expected])
     assert contact.bending(2.0 / 0.3, lengths) == pytest.approx(bending)
@@ -47,7 +51,7 @@ def test_the_contact_is_that_of_the_step(change: str, centre: str) -> None:
     assert moved[:, 5] == pytest.approx(6.0 + arm * 2.0)
 
 
-def test_all_parameters_are_found_within_their_intervals(telescope: np.ndarray) -> None:
+def test_all_parameters_are_found_within_their_intervals(telescope: Array) -> None:
     inside = dict.fromkeys(TRUTH, 0)
     for seed in range(SEEDS):
         samples = sensors.measured(telescope, "white", seed)
@@ -71,7 +75,7 @@ def test_all_parameters_are_found_within_their_intervals(telescope: np.ndarray) 
     ids=["constant", "decreasing", "other centre"],
 )
 def test_another_change_than_that_of_the_joint_is_rejected(
-    telescope: np.ndarray, stated: dict[str, float | str]
+    telescope: Array, stated: dict[str, float | str]
 ) -> None:
     scene = sensors.scene(coefficient=0.1, radius=0.025, **stated)
     found = estimate_friction(scene, sensors.measured(telescope, "white", 1))

@@ -245,8 +245,10 @@ def _set(value: object) -> bool:
     return value not in ((), [])
 
 
-def write_joint(path: Path, samples: SampleArrays) -> None:
-    """Write poses, twists and loads of body B as a recording of other software."""
+def write_joint(
+    path: Path, samples: SampleArrays, names: tuple[str, ...] = ("pose", "twist", "load")
+) -> None:
+    """Write poses, twists and loads of body B, or some of them, as other software records them."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -254,7 +256,8 @@ def write_joint(path: Path, samples: SampleArrays) -> None:
     t = store.types
     point, turn = t["geometry_msgs/msg/Point"], t["geometry_msgs/msg/Quaternion"]
     vector, header = t["geometry_msgs/msg/Vector3"], t["std_msgs/msg/Header"]
-    kinds = {"pose": "PoseStamped", "twist": "TwistStamped", "load": "WrenchStamped"}
+    every = {"pose": "PoseStamped", "twist": "TwistStamped", "load": "WrenchStamped"}
+    kinds = {name: every[name] for name in names}
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
             name: writer.add_connection(
@@ -271,7 +274,7 @@ def write_joint(path: Path, samples: SampleArrays) -> None:
                 "twist": t["geometry_msgs/msg/Twist"](vector(*twist[:3]), vector(*twist[3:])),
                 "load": t["geometry_msgs/msg/Wrench"](vector(*load[:3]), vector(*load[3:])),
             }
-            for name, part in parts.items():
+            for name in names:
                 kind = f"geometry_msgs/msg/{kinds[name]}"
-                message = t[kind](head, part)
+                message = t[kind](head, parts[name])
                 writer.write(topics[name], int(stamp), store.serialize_cdr(message, kind))

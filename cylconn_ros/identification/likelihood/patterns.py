@@ -168,8 +168,8 @@ def unexplained_spread(data: Calibrated, fitted: KineticFit) -> str:
         f"residuals are {100.0 * share:.0f} % of the traction and {np.sqrt(fitted.misfit):.1f} "
         f"times the noise that neighbouring samples show (expected 1, at most "
         f"{np.sqrt(MAX_MISFIT):.1f}): either twists are smoothed, or friction varies in a way that "
-        "no term describes; record unfiltered twists, and repeat the motion to see whether the "
-        "residuals repeat"
+        "no term describes; record unfiltered twists or take them from the poses (--bandwidth 50), "
+        "and repeat the motion to see whether the residuals repeat"
     )
 
 
