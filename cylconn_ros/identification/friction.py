@@ -30,6 +30,7 @@ from cylconn_ros.identification.forces.segments import (
     slip_rate,
 )
 from cylconn_ros.identification.inertia import InertiaProblem, estimate_inertia
+from cylconn_ros.identification.known import contradiction
 from cylconn_ros.identification.likelihood.contact_loads import (
     Calibrated,
     ContactLoads,
@@ -44,6 +45,7 @@ from cylconn_ros.identification.likelihood.patterns import (
     unexplained_spread,
 )
 from cylconn_ros.identification.likelihood.selection import Choice, choose
+from cylconn_ros.identification.load_lag import interpolated, load_lag
 from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
     free_parameters,
@@ -59,6 +61,10 @@ Array = NDArray[np.float64]
 PARAMETERS = ("preload", "overlap", "radius")
 """Parameters that need not be estimated if they are known."""
 MAX_RELATIVE_DEVIATION = 0.4  # relative standard deviation of mu
+INTERPOLATED = (
+    "loads are samples of what changes in between (they act half a period after their stamps): "
+    "interpolated instead of held"
+)
 SLOWER_FASTER = "record slower and faster slip in both directions under several loads"
 COARSE_DEVIATIONS = 2.0  # standard deviations of the change with half of the samples
 
@@ -152,20 +158,25 @@ def estimate_friction(
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
     known = dict(known or {})
-    start = start_law(scene, known)
+    start, given = start_law(scene, known), scene
     samples = SampleArrays.collect(samples)
     free, beside = free_parameters(known), None
     if unknown:
         problem = InertiaProblem(scene, samples, drive, start, free, unknown)
         beside = estimate_inertia(problem)
         scene = beside.scene
-    measured = measure_intervals(scene, samples, drive)
-    delay = twist_delay(measured)
-    prepared = prepare(measured, start.radius)
+    every = measure_intervals(scene, samples, drive)
+    delay = twist_delay(every)
+    prepared = prepare(every, start.radius)
     measured, data, loads = prepared.measured, prepared.data, prepared.loads
     slips, segments, skipped = data.windows, prepared.segments, prepared.skipped
     choice = choose(data, loads, start, free)
     fitted = choice.fitted
+    lag = load_lag(every, samples, drive, prepared, fitted)
+    if lag.sampled:
+        between = interpolated(samples)
+        result = estimate_friction(given, between, known, drive, unknown, coarse)
+        return dataclasses.replace(result, remarks=(*result.remarks, INTERPOLATED))
     _refuse_noise(choice)
     inertia: list[Estimate] = []
     if beside is not None:
@@ -182,7 +193,9 @@ def estimate_friction(
     if choice.undetermined:
         doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
     doubt, remark = judge_overlap(prepared, choice.fitted)
-    doubts = (*filter(None, [doubt]), *doubts)
+    wrong = contradiction(prepared, start, choice, known)
+    late = lag.describe() if lag.counts and not (wrong or delay.counts) else ""
+    doubts = (*filter(None, [wrong, late, doubt]), *doubts)
     doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
     if remark and not reason:
         remarks += (remark,)
