@@ -18,6 +18,7 @@ from cylconn_ros.identification.estimates import (
     verdict,
     withheld,
 )
+from cylconn_ros.identification.forces.contact import Contact
 from cylconn_ros.identification.forces.correlation import (
     MOST_TOGETHER,
     Correlation,
@@ -86,6 +87,7 @@ class Identification:
         disc: (windows, 2) friction (f1f, m1f/R) over its limit; on the unit circle but for noise.
         slides: (windows,) rate of the slide, m/s.
         law: the fitted law.
+        contact: how the overlap changes with the slide.
         static: static friction.
         choice: terms of the model, those left out with the reason, and alternatives.
         patterns: residuals over rate, direction, load, place and time, most significant first.
@@ -110,6 +112,7 @@ class Identification:
     disc: Array = dataclasses.field(repr=False)
     slides: Array = dataclasses.field(repr=False)
     law: FrictionLaw
+    contact: Contact
     static: static.StaticFriction = dataclasses.field(repr=False)
     choice: Choice = dataclasses.field(repr=False)
     patterns: tuple[Pattern, ...] = dataclasses.field(repr=False)
@@ -225,6 +228,7 @@ def estimate_friction(
         disc=ours / [1.0, law.radius] / (ratio * normal)[:, None],
         slides=slips.rates[:, 0],
         law=law,
+        contact=measured.contact,
         static=rest,
         choice=choice,
         patterns=tuple(patterns),

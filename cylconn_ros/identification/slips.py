@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 
 MIN_WINDOWS = 10  # slip windows
 DIRECTION_SIGNIFICANCE = 8.0  # standard deviations by which slip exceeds its noise in a window
-DECAY_TIMES = 5.0  # decay rates above which the static coefficient has no effect on slip
 
 
 class Prepared(NamedTuple):
@@ -115,10 +114,6 @@ def slip_windows(
     friction = measured.scene.friction
     refused = (slip <= DIRECTION_SIGNIFICANCE * noise) | reverses
     skipped["windows whose slip has no significant direction"] = int(refused.sum())
-    if np.isfinite(friction.static_coefficient) and friction.decay > 0.0:
-        mixed = ~refused & (slip * friction.decay < DECAY_TIMES)
-        skipped[f"windows slower than {DECAY_TIMES:g}/friction.decay"] = int(mixed.sum())
-        refused |= mixed
     if np.isfinite(friction.max_force):
         traction = np.hypot(windows.wrench[:, 0], windows.wrench[:, 3] / radius)
         capped = ~refused & (traction > 0.9 * friction.max_force)

@@ -246,9 +246,14 @@ class SampleArrays(Sequence[RecordedSample]):
         count = len(h) - 1
         h[1:] += self.h[1::2][:count]
         restarted[1:] |= self.restarted[1::2][:count]
-        return SampleArrays(
-            self.stamps[::2], h, restarted, self.samples[::2], averaged=self.averaged
-        )
+        samples = self.samples[::2]
+        if self.averaged:  # over both intervals
+            samples = samples.copy()
+            both = self.h[1::2][:count, None], self.h[2::2][:, None]
+            loads = [self.samples[k::2][:count, layout.LOADS] for k in (0, 1)]
+            mean = (both[0] * loads[0] + both[1] * loads[1]) / np.maximum(both[0] + both[1], 1e-12)
+            samples[:count, layout.LOADS] = mean
+        return SampleArrays(self.stamps[::2], h, restarted, samples, averaged=self.averaged)
 
 
 def _end_wait(

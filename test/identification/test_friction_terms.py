@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from test_identify import evenly, measured, pushed
 
 from cylconn_ros.bench.identification import axis, coverage, joints, sensors
+from cylconn_ros.cli.main import main
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification.advice import advice, feed_forward
 from cylconn_ros.identification.effort import AxisRecording, estimate_axis
+from cylconn_ros.identification.forces.pose_twists import twists_from_poses
 from cylconn_ros.identification.friction import estimate_friction
+from cylconn_ros.identification.recording import identify
 from cylconn_ros.recording.samples import SampleArrays
 
 
@@ -63,6 +67,30 @@ def test_friction_that_no_term_describes_is_rejected_and_has_no_numbers() -> Non
     assert found.verdict()[0].startswith("do not use")
     with pytest.raises(IdentifyError, match="no table"):
         feed_forward(found, ".csv")
+
+
+def test_a_stribeck_decay_that_the_parameters_state_is_estimated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Slip slower than 5/decay was left out: nothing remained of this motion."""
+    bag = tmp_path / "bag"
+    assert main(["simulate", "stribeck_coast", "-o", str(bag)]) == 0
+    capsys.readouterr()
+    found = identify(bag)
+    assert found.accepted
+    assert found.choice.terms == ("Stribeck decay",)
+    for name, value in {"coefficient": 0.1, "stribeck": 1.5, "decay": 4.0}.items():
+        assert found[name].value == pytest.approx(value, rel=1e-3)
+        assert found[name].low <= value <= found[name].high
+
+
+def test_a_term_that_is_demanded_and_not_determined_withholds_the_values() -> None:
+    """Slow slip is lost in the noise: mu was 15 % too large, and nothing said so."""
+    samples = sensors.measured(joints.motion("Stribeck"), "poses only", 1)
+    scene = dataclasses.replace(joints.scene(), period=0.0)
+    found = estimate_friction(scene, twists_from_poses(samples, 80.0).samples)
+    assert not found.accepted
+    assert "the recording demands Stribeck decay" in found.verdict()[0]
 
 
 def test_a_known_drive_is_not_friction() -> None:
