@@ -292,8 +292,8 @@ def sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
     """Return the HC3 covariance of a least-squares estimate, with blocks of two rows per window."""
     leverage = np.einsum("nia,ab,njb->nij", jacobian, bread, jacobian)
     left = np.linalg.solve(np.eye(2) * (1.0 + 1e-9) - leverage, r[:, :, None])[:, :, 0]
-    scores = np.einsum("nia,ni->na", jacobian, left)
-    return np.asarray(bread @ (scores.T @ scores) @ bread)
+    errors = np.einsum("nia,ni->na", jacobian, left) @ bread  # squared as a whole: no variance < 0
+    return np.asarray(errors.T @ errors)
 
 
 def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:
