@@ -25,7 +25,7 @@ from cylconn_ros.identification.forces.correlation import (
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
-from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.forces.intervals import measure_intervals
 from cylconn_ros.identification.forces.segments import (
     find_segments,
     slip_rate,
@@ -49,6 +49,7 @@ from cylconn_ros.identification.likelihood.selection import Choice, choose
 from cylconn_ros.identification.load_lag import interpolated, load_lag
 from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
+    Prepared,
     free_parameters,
     prepare,
     slip_windows,
@@ -172,7 +173,7 @@ def estimate_friction(
     delay = twist_delay(every)
     prepared = prepare(every, start.radius)
     measured, data, loads = prepared.measured, prepared.data, prepared.loads
-    slips, segments, skipped = data.windows, prepared.segments, prepared.skipped
+    slips, segments = data.windows, prepared.segments
     choice = choose(data, loads, start, free)
     fitted = choice.fitted
     lag = load_lag(every, samples, drive, prepared, fitted)
@@ -181,52 +182,33 @@ def estimate_friction(
         result = estimate_friction(given, between, known, drive, unknown, coarse)
         return dataclasses.replace(result, remarks=(*result.remarks, INTERPOLATED))
     _refuse_noise(choice)
-    inertia: list[Estimate] = []
-    if beside is not None:
-        fitted, inertia = beside.widened(fitted)
+    fitted, inertia = beside.widened(fitted) if beside is not None else (fitted, [])
     residuals = residuals_of(data, fitted)
     patterns = find_patterns(data, fitted, residuals)
-    taken = (max(prepared.taken, 1) + 1) // 2
-    change = _coarse_change(scene, *(coarse or _thinned(samples, drive)), fitted, taken)
+    less = coarse or _thinned(samples, drive)
+    change = _coarse_change(scene, *less, fitted, (max(prepared.taken, 1) + 1) // 2)
     rest = static.estimate_static(measured, segments, fitted)
-    estimates = {e.name: e for e in estimates_of(fitted, change, choice, known, measured)}
-    estimates["static_coefficient"] = static_estimate(rest)
-    estimates |= {e.name: e for e in inertia}
+    estimates = estimates_of(fitted, change, choice, known, measured)
     doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
-    if choice.undetermined:
-        doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
-    doubt, remark = judge_overlap(prepared, choice.fitted)
     wrong = contradiction(prepared, start, choice, known)
     late = lag.describe() if lag.counts and not (wrong or delay.counts) else ""
-    doubts = (*filter(None, [wrong, late, doubt]), *doubts)
-    doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
-    if remark and not reason:
-        remarks += (remark,)
-    if reason:
-        estimates = {name: withheld(e, reason) for name, e in estimates.items()}
+    doubts = (*filter(None, [wrong, late]), *doubts)
+    doubts, remarks, reason = _judge_fit(prepared, choice, fitted, patterns, (doubts, remarks))
+    every_estimate = [*estimates, static_estimate(rest), *inertia]
     law = fitted.law
-    _, cos, sin = slip(slips.rates, law.radius)
-    along = np.stack([cos, sin / law.radius], axis=1)
-    ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
-    ratio = law.ratio(slips.rates)
-    normal = law.normal(loads.radial, loads.moment, data.bending(law.bending))
-    deviation = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     return Identification(
-        estimates=estimates,
+        estimates={e.name: withheld(e, reason) if reason else e for e in every_estimate},
         samples=len(samples),
         duration=float(samples.stamps[-1] - samples.stamps[0]) * 1e-9,
         slip_intervals=int(slips.intervals.sum()),
         rest_intervals=sum(s.size for s in segments if not s.slips),
         windows=len(slips),
         rest_windows=rest.windows,
-        skipped=measured.skipped + +skipped,
+        skipped=measured.skipped + +prepared.skipped,
         noise=slip_rate(measured, law.radius)[1],
         misfit=fitted.misfit,
-        normal=normal,
-        traction=np.hypot(ours[:, 0], ours[:, 1] / law.radius),
-        deviation=np.sqrt(deviation),
-        disc=ours / [1.0, law.radius] / (ratio * normal)[:, None],
         slides=slips.rates[:, 0],
+        **_friction_of_windows(prepared, law),
         law=law,
         contact=measured.contact,
         static=rest,
@@ -238,20 +220,46 @@ def estimate_friction(
     )
 
 
+def _friction_of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Array]:
+    """Return normal force, traction, its deviation, and friction on the disc of the windows."""
+    slips, loads = prepared.data.windows, prepared.loads
+    _, cos, sin = slip(slips.rates, law.radius)
+    along = np.stack([cos, sin / law.radius], axis=1)
+    ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
+    normal = law.normal(loads.radial, loads.moment, prepared.data.bending(law.bending))
+    variance = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
+    limit = law.ratio(slips.rates) * normal
+    return {
+        "normal": normal,
+        "traction": np.hypot(ours[:, 0], ours[:, 1] / law.radius),
+        "deviation": np.sqrt(variance),
+        "disc": ours / [1.0, law.radius] / limit[:, None],
+    }
+
+
 def _judge_fit(
-    measured: Intervals,
-    data: Calibrated,
+    prepared: Prepared,
+    choice: Choice,
     fitted: KineticFit,
     patterns: Sequence[Pattern],
-    doubts: tuple[str, ...],
-) -> tuple[tuple[str, ...], str]:
-    """Return all doubts, and the first reason to withhold the estimates; empty if there is none."""
-    if measured.problem:
-        doubts = (measured.problem, *doubts)
+    known: tuple[tuple[str, ...], tuple[str, ...]],
+) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Return all doubts and remarks, and the first reason to withhold the estimates, or nothing.
+
+    ``known``: doubts and remarks so far.
+    """
+    doubts, remarks = known
+    if choice.undetermined:
+        doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
+    doubt, remark = judge_overlap(prepared, choice.fitted)
+    doubts = (*filter(None, [prepared.measured.problem, doubt]), *doubts)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
-    if not rejected and (spread := unexplained_spread(data, fitted)):
+    if not rejected and (spread := unexplained_spread(prepared.data, fitted)):
         doubts += (spread,)
-    return doubts, next(iter([*doubts, *rejected]), "")
+    reason = next(iter([*doubts, *rejected]), "")
+    if remark and not reason:
+        remarks += (remark,)
+    return doubts, remarks, reason
 
 
 def _judge_noise(

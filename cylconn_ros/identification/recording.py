@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,47 @@ def identify(
     if scene is None:
         scene = _stored_scene(runs[0])
     values = {name: _value(scene, name, value) for name, value in (known or {}).items()}
+    for name in unknown:
+        if name not in UNKNOWN:
+            raise IdentifyError(f"unknown: {name!r} is not one of {', '.join(UNKNOWN)}")
+    read = _read(runs, scene, remap, drive, bandwidth)
+    if read.remarks:
+        scene = dataclasses.replace(scene, period=0.0)  # that of the smoother's groups
+    samples, acting = _together(read.parts, scene)
+    coarse = _together(read.coarse, scene) if len(read.coarse) == len(runs) else None
+    result = estimate_friction(scene, samples, values, acting, unknown, coarse)
+    if read.left_out:
+        result.skipped["in stretches of a long recording that were left out"] = read.left_out
+    return dataclasses.replace(result, remarks=(*dict.fromkeys(read.remarks), *result.remarks))
+
+
+Part = tuple[SampleArrays, Array | None]
+"""Samples of a recording and its drive."""
+
+
+class Read(NamedTuple):
+    """Samples of several recordings.
+
+    Attributes
+    ----------
+        parts: of each recording. coarse: at half of the bandwidth, if twists are those of poses.
+        left_out: number of samples. remarks: on the twists.
+    """
+
+    parts: list[Part]
+    coarse: list[Part]
+    left_out: int
+    remarks: list[str]
+
+
+def _read(
+    runs: Sequence[Run],
+    scene: Scene,
+    remap: Mapping[str, str] | None,
+    drive: str,
+    bandwidth: float | None,
+) -> Read:
+    """Read the samples and drives; see ``identify`` for the arguments."""
     from_poses = bandwidth is not None or any(lacks_twists(run, remap) for run in runs)
     parts, coarse, left_out, remarks = [], [], 0, []
     for run in runs:
@@ -104,39 +146,18 @@ def identify(
         if from_poses or has_no_twists(samples):
             wanted = bandwidth or BANDWIDTH
             smoothed = twists_from_poses(samples, wanted, acting)
-            coarse.append(_coarser(samples, acting, wanted))
+            less = twists_from_poses(samples, 0.5 * wanted, acting)
+            coarse.append((less.samples, less.drive))
             samples, acting = smoothed.samples, smoothed.drive
             remarks.append(smoothed.describe())
         parts.append((samples, acting))
-    if remarks:
-        scene = dataclasses.replace(scene, period=0.0)  # that of the smoother's groups
-    for name in unknown:
-        if name not in UNKNOWN:
-            raise IdentifyError(f"unknown: {name!r} is not one of {', '.join(UNKNOWN)}")
-    samples, acting = _together(parts, scene)
-    result = estimate_friction(
-        scene, samples, values, acting, unknown,
-        _together(coarse, scene) if len(coarse) == len(parts) else None,
-    )  # fmt: skip
-    if left_out:
-        result.skipped["in stretches of a long recording that were left out"] = left_out
-    return dataclasses.replace(result, remarks=(*dict.fromkeys(remarks), *result.remarks))
+    return Read(parts, coarse, left_out, remarks)
 
 
 def _opened(recording: Path | str | Run, connector: str) -> Run:
     if isinstance(recording, Run):
         return recording.select(connector) if connector else recording
     return read_run(recording, connector)
-
-
-Part = tuple[SampleArrays, Array | None]
-"""Samples of a recording and its drive."""
-
-
-def _coarser(samples: SampleArrays, drive: Array | None, bandwidth: float) -> Part:
-    """Return the samples with twists at half of the bandwidth."""
-    found = twists_from_poses(samples, 0.5 * bandwidth, drive)
-    return found.samples, found.drive
 
 
 def _together(parts: Sequence[Part], scene: Scene) -> Part:

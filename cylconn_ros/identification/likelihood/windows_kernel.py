@@ -111,8 +111,7 @@ def evaluate(
         e1 = table[i, M1] + limit * radius * sin + law[CR1] * w
         residuals[2 * i], residuals[2 * i + 1] = w0 * e0 + w1 * e1, w2 * e0 + w3 * e1
         for column in range(len(free)):
-            k, share = free[column], 0.0
-            f0, f1 = 0.0, 0.0  # derivatives of -friction
+            k, share, f0, f1 = free[column], 0.0, 0.0, 0.0  # f0, f1: derivatives of -friction
             if k == R:
                 square = sin * sin
                 turned = -d * cos * square * steep - way * b * dc * size * square * decayed
