@@ -46,7 +46,7 @@ from cylconn_ros.identification.likelihood.patterns import (
     unexplained_spread,
 )
 from cylconn_ros.identification.likelihood.selection import Choice, choose
-from cylconn_ros.identification.load_lag import interpolated, load_lag
+from cylconn_ros.identification.load_lag import Part, retimed
 from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
     Prepared,
@@ -63,10 +63,6 @@ Array = NDArray[np.float64]
 PARAMETERS = ("preload", "overlap", "radius")
 """Parameters that need not be estimated if they are known."""
 MAX_RELATIVE_DEVIATION = 0.4  # relative standard deviation of mu
-INTERPOLATED = (
-    "loads are samples of what changes in between (they act half a period after their stamps): "
-    "interpolated instead of held"
-)
 SLOWER_FASTER = "record slower and faster slip in both directions under several loads"
 COARSE_DEVIATIONS = 2.0  # standard deviations of the change with half of the samples
 
@@ -144,7 +140,8 @@ def estimate_friction(
     known: Mapping[str, float] | None = None,
     drive: Array | None = None,
     unknown: Sequence[str] = (),
-    coarse: tuple[SampleArrays, Array | None] | None = None,
+    coarse: Part | None = None,
+    retime: bool = True,
 ) -> Identification:
     """Estimate friction from samples.
 
@@ -158,6 +155,7 @@ def estimate_friction(
             too; the scene's are then the start of the search. It needs known forces.
         coarse: the same motion at half of the bandwidth, with its drive; the change of the
             estimates widens the intervals. Default: every second sample.
+        retime: whether loads and drive are corrected to the times at which they act.
 
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
@@ -176,11 +174,18 @@ def estimate_friction(
     slips, segments = data.windows, prepared.segments
     choice = choose(data, loads, start, free)
     fitted = choice.fitted
-    lag = load_lag(every, samples, drive, prepared, fitted)
-    if lag.sampled:
-        between = interpolated(samples)
-        result = estimate_friction(given, between, known, drive, unknown, coarse)
-        return dataclasses.replace(result, remarks=(*result.remarks, INTERPOLATED))
+    right, lag = retimed(every, samples, drive, prepared, fitted)
+    if right.remark and retime:
+        result = estimate_friction(
+            given,
+            right.samples,
+            known,
+            right.drive,
+            unknown,
+            right.coarse(coarse),
+            right.shift == 0.0,
+        )
+        return dataclasses.replace(result, remarks=(*result.remarks, right.remark))
     _refuse_noise(choice)
     fitted, inertia = beside.widened(fitted) if beside is not None else (fitted, [])
     residuals = residuals_of(data, fitted)

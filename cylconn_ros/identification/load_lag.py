@@ -1,13 +1,15 @@
-"""Time between the stamps of loads and their action, from what a wrong one leaves in the residuals.
+"""Time between the stamps of loads or efforts and their action, by what a wrong one leaves behind.
 
 A load is held from its sample to the next one, as a simulator applies it. The samples of a sensor
 act half a period later on average, and clocks or filters shift loads further. With e the residuals
 of the fitted law and D their change if every load is replaced by the next one, the load acts d
-periods after its stamp if e + d D is smallest, beside all terms of friction.
+periods after its stamp if e + d D is smallest, beside all terms of friction. The same of the effort
+of a drive, which is shifted by that time.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -38,7 +40,15 @@ Array = NDArray[np.float64]
 SIGNIFICANT = 4.0  # standard deviations of a lag that counts
 MATERIAL = 0.01  # of the traction: least effect that counts
 SENSOR = (0.25, 0.75)  # periods: samples of a load that changes between them
+MOST_SHIFT = 3.0  # periods by which an effort is shifted
+LEAST_SHIFT = 0.25
 TERMS = (VISCOUS, VISCOUS_SPIN, DIRECTION, OFFSET)
+
+
+INTERPOLATED = (
+    "loads are samples of what changes in between (they act half a period after their stamps): "
+    "interpolated instead of held"
+)
 
 
 class LoadLag(NamedTuple):
@@ -49,6 +59,7 @@ class LoadLag(NamedTuple):
     effect: float  # of the lag, relative to the traction
     step: float  # period, s
     averaged: bool  # the loads are means already
+    what: str = "loads act"
 
     @property
     def certain(self) -> bool:
@@ -71,10 +82,53 @@ class LoadLag(NamedTuple):
         size, spread = 1e3 * self.step * np.array([abs(self.periods), 1.96 * self.deviation])
         expected = "0" if self.averaged else f"0 to {1e3 * self.step * SENSOR[1]:.2g} ms"
         return (
-            f"loads act {size:.3g} ± {spread:.2g} ms {way} their stamps, against the motion "
-            f"(expected: {expected}); stamp loads and motion with one clock, and filter neither or "
-            "both"
+            f"{self.what} {size:.3g} ± {spread:.2g} ms {way} their stamps, against the motion "
+            f"(expected: {expected}); stamp forces and motion with one clock, and filter neither "
+            "or both"
         )
+
+
+Part = tuple[SampleArrays, Array | None]
+"""Samples of a recording and its drive."""
+
+
+class Retimed(NamedTuple):
+    """Loads and drive at the times at which they act; no remark if these are their stamps."""
+
+    samples: SampleArrays
+    drive: Array | None
+    shift: float  # of the drive, periods
+    remark: str = ""
+
+    def coarse(self, given: Part | None) -> Part | None:
+        """Return the same motion at half of the bandwidth, its drive shifted too."""
+        if given is None or given[1] is None or self.shift == 0.0:
+            return given
+        return given[0], shifted(given[0], given[1], 0.5 * self.shift)
+
+
+def retimed(
+    measured: Intervals,
+    samples: SampleArrays,
+    drive: Array | None,
+    prepared: Prepared,
+    fitted: KineticFit,
+) -> tuple[Retimed, LoadLag]:
+    """Interpolate loads that are samples and shift an effort; also the lag of the loads."""
+    lag = load_lag(measured, samples, drive, prepared, fitted)
+    if lag.sampled:
+        return Retimed(interpolated(samples), drive, 0.0, INTERPOLATED), lag
+    if drive is None:
+        return Retimed(samples, drive, 0.0), lag
+    late = drive_lag(measured, samples, drive, prepared, fitted)
+    size = abs(late.periods)
+    if not late.certain or late.effect < MATERIAL or not LEAST_SHIFT < size < MOST_SHIFT:
+        return Retimed(samples, drive, 0.0), late if late.certain and size > MOST_SHIFT else lag
+    remark = (
+        f"the effort of the drive acts {1e3 * late.periods * late.step:+.3g} ms after its stamps"
+    )
+    moved = shifted(samples, drive, late.periods)
+    return Retimed(samples, moved, late.periods, f"{remark}: shifted by this time"), lag
 
 
 def load_lag(
@@ -85,18 +139,52 @@ def load_lag(
     fitted: KineticFit,
 ) -> LoadLag:
     """Estimate the lag; ``measured``: the forces of ``samples`` with ``drive``."""
-    none = LoadLag(0.0, np.inf, 0.0, measured.step, samples.averaged)
     rows = samples.samples.copy()
     loads = rows[:, layout.LOADS]
     change = np.diff(loads, axis=0)
     change[samples.restarted[1:]] = 0.0
     if not change.any():
-        return none
+        return LoadLag(0.0, np.inf, 0.0, measured.step, samples.averaged)
     loads[:-1] += change
     later = SampleArrays(
         samples.stamps, samples.h, samples.restarted, rows, averaged=samples.averaged
     )
     moved = measure_intervals(measured.scene, later, drive).wrench - measured.wrench
+    return _lag(moved, samples.averaged, measured, prepared, fitted)
+
+
+def drive_lag(
+    measured: Intervals,
+    samples: SampleArrays,
+    drive: Array,
+    prepared: Prepared,
+    fitted: KineticFit,
+) -> LoadLag:
+    """Estimate the lag of an effort."""
+    moved = np.zeros_like(measured.wrench)
+    moved[:, [0, 3]] = drive - shifted(samples, drive, 1.0)
+    if not moved.any():
+        return LoadLag(0.0, np.inf, 0.0, measured.step, True)
+    found = _lag(moved, True, measured, prepared, fitted)
+    return found._replace(what="the efforts of the drive act")
+
+
+def shifted(samples: SampleArrays, drive: Array, periods: float) -> Array:
+    """Return the drive as it is ``periods`` later, interpolated within each history."""
+    found, number = drive.copy(), np.arange(len(drive), dtype=np.float64)
+    edges = [*np.flatnonzero(np.r_[True, samples.restarted[1:]]).tolist(), len(drive)]
+    for first, last in itertools.pairwise(edges):
+        rows = slice(first, last)
+        for k in range(2):
+            found[rows, k] = np.interp(number[rows] + periods, number[rows], drive[rows, k])
+    return found
+
+
+def _lag(
+    moved: Array, averaged: bool, measured: Intervals, prepared: Prepared, fitted: KineticFit
+) -> LoadLag:
+    """Estimate the multiple of the change ``moved`` (intervals, 6) that describes the residuals."""
+    none = LoadLag(0.0, np.inf, 0.0, measured.step, averaged)
     effect = _effect(np.nan_to_num(moved), measured, prepared, fitted)
     data, law = prepared.data, fitted.law
     inverse, _ = factors(data, law)

@@ -26,8 +26,9 @@ from cylconn_ros.identification.forces.pose_twists import (
 )
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.identification.inertia import UNKNOWN
+from cylconn_ros.identification.load_lag import Part
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.samples import SampleArrays, lacks_twists, synchronized_samples
+from cylconn_ros.recording.samples import lacks_twists, synchronized_samples
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -105,10 +106,6 @@ def identify(
     if read.left_out:
         result.skipped["in stretches of a long recording that were left out"] = read.left_out
     return dataclasses.replace(result, remarks=(*dict.fromkeys(read.remarks), *result.remarks))
-
-
-Part = tuple[SampleArrays, Array | None]
-"""Samples of a recording and its drive."""
 
 
 class Read(NamedTuple):

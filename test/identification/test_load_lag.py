@@ -59,6 +59,29 @@ def test_loads_with_another_clock_are_named(samples: SampleArrays, late: int) ->
     assert size == pytest.approx(abs(late), abs=0.3)
 
 
+@pytest.mark.parametrize(("late", "accepted"), [(2, True), (-1, True), (6, False)])
+def test_an_effort_with_another_clock_is_shifted(
+    samples: SampleArrays, late: int, accepted: bool
+) -> None:
+    """The push and the turn as the effort of a drive; by more than three samples it is refused."""
+    rows = samples.samples.copy()
+    loads = rows[:, layout.LOADS]
+    drive = np.zeros((len(rows), 2))
+    drive[1:] = loads[:-1, [6, 9]]
+    loads[:, [6, 9]] = 0.0
+    kept = slice(20, -20)
+    shifted = SampleArrays(samples.stamps, samples.h, samples.restarted, rows)[kept]
+    found = estimate_friction(joints.scene(), shifted, None, np.roll(drive, late, axis=0)[kept])
+    assert found.accepted == accepted
+    text = found.remarks[-1] if accepted else found.doubts[0]
+    size = float(text.split("act")[1].split()[1 if accepted else 0])
+    assert abs(size) == pytest.approx(abs(late), abs=0.4)
+    if accepted:
+        assert "shifted by this time" in text
+        for name, value in {"coefficient": 0.2, "radius": 0.02}.items():
+            assert found[name].value == pytest.approx(value, rel=0.03)
+
+
 def test_loads_of_a_simulator_stay_held(samples: SampleArrays) -> None:
     found = estimate_friction(joints.scene(), samples)
     assert found.accepted
