@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from cylconn_ros.identification.estimates import (
 from cylconn_ros.identification.forces.contact import Contact
 from cylconn_ros.identification.forces.correlation import (
     MOST_TOGETHER,
-    Correlation,
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
@@ -46,7 +46,7 @@ from cylconn_ros.identification.likelihood.patterns import (
     unexplained_spread,
 )
 from cylconn_ros.identification.likelihood.selection import Choice, choose
-from cylconn_ros.identification.load_lag import Part, retimed
+from cylconn_ros.identification.load_lag import LoadLag, Part, retimed
 from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
     Prepared,
@@ -171,20 +171,14 @@ def estimate_friction(
     delay = twist_delay(every)
     prepared = prepare(every, start.radius)
     measured, data, loads = prepared.measured, prepared.data, prepared.loads
-    slips, segments = data.windows, prepared.segments
     choice = choose(data, loads, start, free)
     fitted = choice.fitted
     right, lag = retimed(every, samples, drive, prepared, fitted)
     if right.remark and retime:
         result = estimate_friction(
-            given,
-            right.samples,
-            known,
-            right.drive,
-            unknown,
-            right.coarse(coarse),
-            right.shift == 0.0,
-        )
+            given, right.samples, known, right.drive, unknown, right.coarse(coarse),
+            retime=right.shift == 0.0,
+        )  # fmt: skip
         return dataclasses.replace(result, remarks=(*result.remarks, right.remark))
     _refuse_noise(choice)
     fitted, inertia = beside.widened(fitted) if beside is not None else (fitted, [])
@@ -192,12 +186,10 @@ def estimate_friction(
     patterns = find_patterns(data, fitted, residuals)
     less = coarse or _thinned(samples, drive)
     change = _coarse_change(scene, *less, fitted, (max(prepared.taken, 1) + 1) // 2)
-    rest = static.estimate_static(measured, segments, fitted)
+    rest = static.estimate_static(measured, prepared.segments, fitted)
     estimates = estimates_of(fitted, change, choice, known, measured)
-    doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
     wrong = contradiction(prepared, start, choice, known)
-    late = lag.describe() if lag.counts and not (wrong or delay.counts) else ""
-    doubts = (*filter(None, [wrong, late]), *doubts)
+    doubts, remarks = _judge_sensors(prepared, delay, lag, wrong)
     doubts, remarks, reason = _judge_fit(prepared, choice, fitted, patterns, (doubts, remarks))
     every_estimate = [*estimates, static_estimate(rest), *inertia]
     law = fitted.law
@@ -205,15 +197,9 @@ def estimate_friction(
         estimates={e.name: withheld(e, reason) if reason else e for e in every_estimate},
         samples=len(samples),
         duration=float(samples.stamps[-1] - samples.stamps[0]) * 1e-9,
-        slip_intervals=int(slips.intervals.sum()),
-        rest_intervals=sum(s.size for s in segments if not s.slips),
-        windows=len(slips),
         rest_windows=rest.windows,
-        skipped=measured.skipped + +prepared.skipped,
-        noise=slip_rate(measured, law.radius)[1],
         misfit=fitted.misfit,
-        slides=slips.rates[:, 0],
-        **_friction_of_windows(prepared, law),
+        **_of_windows(prepared, law),
         law=law,
         contact=measured.contact,
         static=rest,
@@ -225,9 +211,9 @@ def estimate_friction(
     )
 
 
-def _friction_of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Array]:
-    """Return normal force, traction, its deviation, and friction on the disc of the windows."""
-    slips, loads = prepared.data.windows, prepared.loads
+def _of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Any]:
+    """Return the attributes of an identification that describe its windows."""
+    slips, loads, measured = prepared.data.windows, prepared.loads, prepared.measured
     _, cos, sin = slip(slips.rates, law.radius)
     along = np.stack([cos, sin / law.radius], axis=1)
     ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
@@ -235,6 +221,12 @@ def _friction_of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Arra
     variance = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     limit = law.ratio(slips.rates) * normal
     return {
+        "slip_intervals": int(slips.intervals.sum()),
+        "rest_intervals": sum(s.size for s in prepared.segments if not s.slips),
+        "windows": len(slips),
+        "skipped": measured.skipped + +prepared.skipped,
+        "noise": slip_rate(measured, law.radius)[1],
+        "slides": slips.rates[:, 0],
         "normal": normal,
         "traction": np.hypot(ours[:, 0], ours[:, 1] / law.radius),
         "deviation": np.sqrt(variance),
@@ -267,10 +259,14 @@ def _judge_fit(
     return doubts, remarks, reason
 
 
-def _judge_noise(
-    taken: int, noise: Correlation, delay: Delay
+def _judge_sensors(
+    prepared: Prepared, delay: Delay, lag: LoadLag, wrong: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return why the sensors' errors forbid an estimate, and how they were treated otherwise."""
+    """Return why the sensors' errors forbid an estimate, and how they were treated otherwise.
+
+    ``wrong``: what contradicts a known value, which hides the lag.
+    """
+    taken, noise = prepared.taken, prepared.noise
     doubts: tuple[str, ...] = (delay.describe(),) if delay.counts else ()
     if taken == 0:
         doubts += (
@@ -278,6 +274,8 @@ def _judge_noise(
             "not filtered, or at a higher rate if the motion changes within a few samples; or take "
             "the twists from the poses (--bandwidth 50)",
         )
+    late = lag.describe() if lag.counts and not (wrong or delay.counts) else ""
+    doubts = (*filter(None, [wrong, late]), *doubts)
     remarks: tuple[str, ...] = ()
     if taken > 1:
         remarks = (f"{noise.describe()}: {taken} intervals were taken as one",)
