@@ -185,7 +185,8 @@ def estimate_friction(
     residuals = residuals_of(data, fitted)
     patterns = find_patterns(data, fitted, residuals)
     less = coarse or _thinned(samples, drive)
-    change = _coarse_change(scene, *less, fitted, (max(prepared.taken, 1) + 1) // 2)
+    taken = (max(prepared.taken, 1) + 1) // 2
+    change = _coarse_change(scene, less, fitted, taken, whole=coarse is not None)
     rest = static.estimate_static(measured, prepared.segments, fitted)
     estimates = estimates_of(fitted, change, choice, known, measured)
     wrong = contradiction(prepared, start, choice, known)
@@ -305,15 +306,14 @@ def _thinned(samples: SampleArrays, drive: Array | None) -> tuple[SampleArrays, 
     return samples.every_second(), thinned
 
 
-def _coarse_change(
-    scene: Scene, samples: SampleArrays, drive: Array | None, fitted: KineticFit, taken: int
-) -> Array:
+def _coarse_change(scene: Scene, part: Part, fitted: KineticFit, taken: int, whole: bool) -> Array:
     """Return the change (free,) of the estimates, beyond noise, with other samples of the motion.
 
-    Zeros if these do not suffice.
+    ``whole``: they contain all of the motion, so that only what they lose of it is independent
+    noise; else they are some of the samples. Zeros if they do not suffice.
     """
     try:
-        measured = together(measure_intervals(scene, samples, drive), taken)
+        measured = together(measure_intervals(scene, *part), taken)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = slip_windows(measured, segments, fitted.law.radius)
         data = Calibrated.of(slips, ContactLoads.of(slips))
@@ -321,5 +321,6 @@ def _coarse_change(
     except (IdentifyError, np.linalg.LinAlgError):
         return np.zeros(len(fitted.free))
     moved = (again.law.vector - fitted.law.vector)[list(fitted.free)]
-    noise = np.diag(again.covariance) + np.diag(fitted.covariance)
+    own, other = np.diag(fitted.covariance), np.diag(again.covariance)
+    noise = np.maximum(other - own, 0.0) if whole else other + own
     return np.asarray(np.sqrt(np.maximum(moved**2 - COARSE_DEVIATIONS**2 * noise, 0.0)))
