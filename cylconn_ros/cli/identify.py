@@ -1,7 +1,8 @@
 """Estimate friction from a recording of a joint: mu, FCint, L and R with 95 % intervals.
 
 BAG is a recorded directory or an .mcap file with poses and twists of the bodies, and their loads if
-there are any, of a real or a simulated joint. Mass and inertia of a free body must be known, or are
+there are any, of a real or a simulated joint. Twists that were not recorded are computed from the
+poses (--bandwidth). Mass and inertia of a free body must be known, or are
 estimated too (--estimate). The parameters are those of the recording or of --params FILE. Those
 that the motion does not determine are listed and taken as known. docs/how_to/identify.md explains
 the method. The exit code is 1 if the recording does not determine the coefficient, or its motion
@@ -18,20 +19,25 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cylconn_ros.cli.checks import add_connector, add_recording
 from cylconn_ros.cli.identify_axis import axis_report
 from cylconn_ros.cli.identify_page import (
     friction_facts,
     friction_findings,
-    given,
     nothing_found,
+)
+from cylconn_ros.cli.identify_results import (
+    advise,
+    draw_picture,
+    table,
+    write_json,
+    write_table,
 )
 from cylconn_ros.cli.page_file import check_page, write_page
 from cylconn_ros.cli.progress import Progress
@@ -43,32 +49,11 @@ from cylconn_ros.scene.inputs import BODIES, INPUTS
 from cylconn_ros.scene.scene import load
 
 if TYPE_CHECKING:
-    from cylconn_ros.identification.friction import Estimate, Identification
+    from cylconn_ros.identification.friction import Identification
 
 _PICTURES = (".png", ".svg", ".pdf")
-_LEAST_NOISE = 1e-7  # m/s; below, the sample period limits the accuracy and not a sensor
 _KINDS = tuple(kind.topic for kind in INPUTS)
 _KNOWN = ("preload", "overlap", "radius")
-_TITLES = {
-    "coefficient": "mu",
-    "static_coefficient": "mu static",
-    "preload": "FCint",
-    "overlap": "L",
-    "radius": "R",
-    "c1": "c1",
-    "cr1": "cr1",
-    "coefficient_positive": "mu forward",
-    "coefficient_negative": "mu backward",
-    "direction": "direction",
-    "offset": "offset",
-    "stribeck": "Stribeck",
-    "decay": "decay",
-    "mass": "mass",
-    "inertia": "inertia",
-}
-_BASE = ("coefficient", "static_coefficient", "preload", "overlap", "radius")
-_INERTIA = ("mass", "inertia")
-_ALWAYS = (*_BASE, *_INERTIA)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,6 +98,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="further recording of the same joint, fitted together with BAG",
     )  # fmt: skip
     parser.add_argument(
+        "--bandwidth", type=_bandwidth, metavar="HZ",
+        help="take the twists from the poses, by a smoother of this bandwidth; default: the "
+        "recorded twists, or 50 Hz if there are none",
+    )  # fmt: skip
+    parser.add_argument(
         "--axis", default="", metavar="TOPIC[:JOINT]",
         help="mass and friction of one axis from positions and efforts of a JointState, without "
         "inertia and parameters; friction is one number, mu FN0",
@@ -152,6 +142,7 @@ def run(options: argparse.Namespace) -> int:
             found = identify(
                 recorded, scene, known=dict(options.known), remap=dict(options.topic),
                 drive=options.drive, others=options.others, unknown=options.unknown,
+                bandwidth=options.bandwidth,
             )  # fmt: skip
         except IndeterminateError as error:
             print(f"cylconn identify: {recorded.path}: {error}", file=sys.stderr)
@@ -162,14 +153,14 @@ def run(options: argparse.Namespace) -> int:
         except IdentifyError as error:
             raise CommandError(f"{recorded.path}: {error}") from None
     if options.json is not None:
-        _write_json(found, options.json)
+        write_json(found, options.json)
     if options.json is None or str(options.json) != "-":
         print("\n".join(table(found)))
     if options.table is not None:
-        _write_table(found, options.table)
+        write_table(found, options.table)
         print(f"table       {options.table}")
     if options.plot is not None:
-        _draw(found, recorded.path.name, options.plot)
+        draw_picture(found, recorded.path.name, options.plot)
         print(f"picture     {options.plot}")
     if options.report is not None:
         page = friction_findings(found, advise(found))
@@ -236,132 +227,6 @@ def _check(options: argparse.Namespace) -> None:
         raise CommandError(f"{options.plot}: a picture must end in one of {', '.join(_PICTURES)}")
 
 
-def table(found: Identification) -> list[str]:
-    """The results as lines of text."""
-    lines = [
-        f"recording   {found.samples} samples over {found.duration:.6g} s",
-        f"slip        {found.slip_intervals} intervals in {found.windows} windows",
-        f"rest        {found.rest_intervals} intervals in {found.rest_windows} windows",
-    ]
-    lines += [f"skipped     {count} ({reason})" for reason, count in found.skipped.items()]
-    lines += [
-        f"noise       {found.noise:.2e} m/s standard deviation of a component of the slip velocity",
-        f"misfit      {found.misfit:.2f} (1: the law fits within the noise)"
-        if found.noise > _LEAST_NOISE
-        else f"misfit      not computed: noise below {_LEAST_NOISE:.0e} m/s",
-        "",
-        f"{'parameter':<12}{'estimate':>11}  {'95 % interval':<26}unit",
-    ]
-    lines += [
-        _row(found.estimates[name])
-        for name in _TITLES
-        if name in found.estimates and (name in _ALWAYS or found.estimates[name].found)
-    ]
-    lines += ["", *(f"verdict     {line}" for line in found.verdict())]
-    lines += [f"left out    {name}: {why}" for name, why in found.choice.left_out.items()]
-    lines += [f"next        {line}" for line in advise(found)]
-    assumed = [
-        e
-        for e in found.estimates.values()
-        if e.name in _BASE and not e.found and math.isfinite(e.value)
-    ]
-    facts = [f"{given(found)} of the parameters"]
-    facts += [
-        f"{_TITLES[e.name]} = {e.value:.6g}" + f" {e.unit}".replace(" 1", "") for e in assumed
-    ]
-    lines += ["", "taken as known: " + ", ".join(facts)]
-    if not found.accepted:
-        return lines
-    if found.misfit > 2.0 and found.noise > _LEAST_NOISE:
-        lines.append(
-            "the windows differ from the law by more than their noise; the intervals include the "
-            "random part of that"
-        )
-    return lines
-
-
-def advise(found: Identification) -> list[str]:
-    """Say which motion to record next."""
-    from cylconn_ros.identification.advice import advice
-
-    return advice(found)
-
-
-def _row(e: Estimate) -> str:
-    """Line of the table for one parameter; a value in brackets is not estimated."""
-    title = _TITLES[e.name]
-    unit = "" if e.unit == "1" else e.unit
-    if e.found:
-        between = f"{e.low:.5g} … {e.high:.5g}"
-        return f"{title:<12}{e.value:>11.5g}  {between:<26}{unit:<5}{e.note}".rstrip()
-    value = f"({e.value:.5g})" if math.isfinite(e.value) else "-"
-    return f"{title:<12}{value:>11}  {'-':<26}{unit:<5}{e.note}".rstrip()
-
-
-def as_json(found: Identification) -> dict[str, Any]:
-    """The results as a JSON value; numbers that could not be estimated are null."""
-
-    def number(x: float) -> float | None:
-        return float(x) if math.isfinite(x) else None
-
-    return {
-        "estimates": {
-            (e.name if e.name in _INERTIA else f"friction.{e.name}"): {
-                "estimated": e.found,
-                "value": number(e.value),
-                "interval_95": [number(e.low), number(e.high)] if e.found else None,
-                "unit": e.unit,
-                "note": e.note,
-            }
-            for e in (found.estimates[name] for name in _TITLES if name in found.estimates)
-        },
-        "accepted": found.accepted,
-        "verdict": found.verdict(),
-        "terms": list(found.choice.terms),
-        "left_out_terms": found.choice.left_out,
-        "advice": advise(found),
-        "static_lower_bound": number(found.static.bound),
-        "samples": found.samples,
-        "duration": found.duration,
-        "slipping_intervals": found.slip_intervals,
-        "resting_intervals": found.rest_intervals,
-        "windows": found.windows,
-        "left_out": dict(found.skipped),
-        "slip_rate_noise": found.noise,
-        "misfit": found.misfit,
-        "problem": next(iter(found.doubts), ""),
-    }
-
-
-def _write_json(found: Identification, path: Path) -> None:
-    text = json.dumps(as_json(found), indent=2, ensure_ascii=False)
-    if str(path) == "-":
-        print(text)
-        return
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"{path}: {error.strerror or error}") from None
-
-
-def _write_table(found: Identification, path: Path) -> None:
-    from cylconn_ros.identification.advice import feed_forward
-
-    try:
-        path.write_text(feed_forward(found, path.suffix), encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise CommandError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
-
-
-def _draw(found: Identification, name: str, path: Path) -> None:
-    from cylconn_ros.identification.picture import draw, save
-
-    try:
-        save(draw(found, name), path)
-    except OSError as error:
-        raise CommandError(f"{path}: {error.strerror or error}") from None
-
-
 def _known(text: str) -> tuple[str, float | None]:
     """Parse a value of --known; None: use the parameter's value."""
     name, _, value = text.partition("=")
@@ -385,6 +250,17 @@ def _known(text: str) -> tuple[str, float | None]:
             f"{text}: must be finite" + (f" and {least}" if least else "")
         )
     return name, number
+
+
+def _bandwidth(text: str) -> float:
+    """Parse a value of --bandwidth."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: must be a number > 0 Hz")
+    return value
 
 
 def _topic(text: str) -> tuple[str, str]:

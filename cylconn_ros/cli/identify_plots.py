@@ -71,6 +71,10 @@ def traction_plot(found: Identification) -> Plot:
         at = slice(rest.windows, None)
         series.append(Series("break-away", "ink", "diamonds", rest.normal[at], rest.traction[at]))
     bending = "" if law.bending == 0.0 else f" + {law.bending:.4g}/m · Mbend"
+    if bending and found.contact.changes:
+        bending = (
+            f" + 2/L(l) · Mbend, L = {2.0 / law.bending:.4g} m at l = {found.contact.at:.4g} m,"
+        )
     note = f"FN = Fr{bending} + {law.preload:.4g} N. Viscous friction and offset are subtracted."
     if "Stribeck decay" in found.choice.terms:
         note += " Slow slip lies above the line: Stribeck."

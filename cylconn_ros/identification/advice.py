@@ -65,7 +65,7 @@ def feed_forward(found: Identification, suffix: str) -> str:
     rates = np.r_[-positive[::-1], 0.0, positive]
     load = float(np.median(found.normal)) - found.law.preload
     pairs, loads = np.column_stack([rates, 0.0 * rates]), np.full((len(rates), 2), (load, 0.0))
-    force = -friction(found.law, pairs, loads)[:, 0]
+    force = -friction(found.law, pairs, loads, np.zeros(len(rates)))[:, 0]
     force[len(positive)] = found.law.offset
     if suffix == ".csv":
         rows = [f"{r:.9g},{f:.9g}" for r, f in zip(rates, force, strict=True)]

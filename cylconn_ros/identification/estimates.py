@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.identification import static
+from cylconn_ros.identification.forces.contact import Contact
+from cylconn_ros.identification.forces.intervals import Intervals
 from cylconn_ros.identification.likelihood.kinetic import KineticFit
 from cylconn_ros.identification.likelihood.law import (
     COEFFICIENT,
@@ -19,7 +21,6 @@ from cylconn_ros.identification.likelihood.law import (
 )
 from cylconn_ros.identification.likelihood.patterns import Pattern
 from cylconn_ros.identification.likelihood.selection import BASE, TERMS, Choice
-from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def estimates_of(
     coarse: Array,
     choice: Choice,
     known: Mapping[str, float],
-    scene: Scene,
+    measured: Intervals,
 ) -> list[Estimate]:
     """Return the estimates of a fit with 95 % intervals.
 
@@ -96,14 +97,14 @@ def estimates_of(
         if k in term_of and (other := choice.alternatives.get(term_of[k])):
             note = f"or else: {other}; this motion cannot tell which"
         if name == "overlap":
-            found.append(_overlap(x[k], low, high))
+            found.append(_overlap(x[k], low, high, measured.contact))
         elif name in ("coefficient", "radius", "decay"):
             value, low, high = np.exp(x[k]), np.exp(low), np.exp(high)
             found.append(Estimate(name, value, low, high, UNITS[name], note))
         else:
             shift = 0.0
             if k in (VISCOUS, VISCOUS + 1):
-                shift = float(getattr(scene.damping, name))
+                shift = float(getattr(measured.scene.damping, name))
             found.append(Estimate(name, x[k] + shift, low + shift, high + shift, UNITS[name], note))
     found += _by_direction(fitted, half)
     return found
@@ -152,7 +153,7 @@ def verdict(choice: Choice, patterns: Sequence[Pattern], doubts: Sequence[str]) 
     return lines
 
 
-def _overlap(bending: float, low: float, high: float) -> Estimate:
+def _overlap(bending: float, low: float, high: float, contact: Contact) -> Estimate:
     """Convert 2/L to L; if the interval of 2/L contains zero, L has no upper bound."""
     if high <= 0.0:
         note = "the traction decreases with bending: the law does not apply"
@@ -160,6 +161,8 @@ def _overlap(bending: float, low: float, high: float) -> Estimate:
     value = 2.0 / bending if bending > 0.0 else np.inf
     upper = 2.0 / low if low > 0.0 else np.inf
     note = "" if low > 0.0 else "the effect of bending may be zero"
+    if not note and contact.sigma != 0.0:
+        note = f"at the slide {contact.at:.4g} m"
     return Estimate("overlap", value, 2.0 / high, upper, "m", note)
 
 

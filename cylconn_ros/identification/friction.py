@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +19,19 @@ from cylconn_ros.identification.estimates import (
     verdict,
     withheld,
 )
+from cylconn_ros.identification.forces.contact import Contact
 from cylconn_ros.identification.forces.correlation import (
     MOST_TOGETHER,
-    Correlation,
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
-from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.forces.intervals import measure_intervals
 from cylconn_ros.identification.forces.segments import (
     find_segments,
     slip_rate,
 )
-from cylconn_ros.identification.inertia import estimate_inertia
+from cylconn_ros.identification.inertia import InertiaProblem, estimate_inertia
+from cylconn_ros.identification.known import contradiction
 from cylconn_ros.identification.likelihood.contact_loads import (
     Calibrated,
     ContactLoads,
@@ -44,7 +46,10 @@ from cylconn_ros.identification.likelihood.patterns import (
     unexplained_spread,
 )
 from cylconn_ros.identification.likelihood.selection import Choice, choose
+from cylconn_ros.identification.load_lag import LoadLag, Part, retimed
+from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
+    Prepared,
     free_parameters,
     prepare,
     slip_windows,
@@ -58,6 +63,7 @@ Array = NDArray[np.float64]
 PARAMETERS = ("preload", "overlap", "radius")
 """Parameters that need not be estimated if they are known."""
 MAX_RELATIVE_DEVIATION = 0.4  # relative standard deviation of mu
+SLOWER_FASTER = "record slower and faster slip in both directions under several loads"
 COARSE_DEVIATIONS = 2.0  # standard deviations of the change with half of the samples
 
 
@@ -78,6 +84,7 @@ class Identification:
         disc: (windows, 2) friction (f1f, m1f/R) over its limit; on the unit circle but for noise.
         slides: (windows,) rate of the slide, m/s.
         law: the fitted law.
+        contact: how the overlap changes with the slide.
         static: static friction.
         choice: terms of the model, those left out with the reason, and alternatives.
         patterns: residuals over rate, direction, load, place and time, most significant first.
@@ -102,6 +109,7 @@ class Identification:
     disc: Array = dataclasses.field(repr=False)
     slides: Array = dataclasses.field(repr=False)
     law: FrictionLaw
+    contact: Contact
     static: static.StaticFriction = dataclasses.field(repr=False)
     choice: Choice = dataclasses.field(repr=False)
     patterns: tuple[Pattern, ...] = dataclasses.field(repr=False)
@@ -132,6 +140,8 @@ def estimate_friction(
     known: Mapping[str, float] | None = None,
     drive: Array | None = None,
     unknown: Sequence[str] = (),
+    coarse: Part | None = None,
+    retime: bool = True,
 ) -> Identification:
     """Estimate friction from samples.
 
@@ -143,62 +153,56 @@ def estimate_friction(
             sample; default: the constant one of the scene.
         unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
             too; the scene's are then the start of the search. It needs known forces.
+        coarse: the same motion at half of the bandwidth, with its drive; the change of the
+            estimates widens the intervals. Default: every second sample.
+        retime: whether loads and drive are corrected to the times at which they act.
 
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
     known = dict(known or {})
-    start = start_law(scene, known)
+    start, given = start_law(scene, known), scene
     samples = SampleArrays.collect(samples)
     free, beside = free_parameters(known), None
     if unknown:
-        beside = estimate_inertia(scene, samples, drive, start, free, unknown)
+        problem = InertiaProblem(scene, samples, drive, start, free, unknown)
+        beside = estimate_inertia(problem)
         scene = beside.scene
-    measured = measure_intervals(scene, samples, drive)
-    delay = twist_delay(measured)
-    prepared = prepare(measured, start.radius)
+    every = measure_intervals(scene, samples, drive)
+    delay = twist_delay(every)
+    prepared = prepare(every, start.radius)
     measured, data, loads = prepared.measured, prepared.data, prepared.loads
-    slips, segments, skipped = data.windows, prepared.segments, prepared.skipped
     choice = choose(data, loads, start, free)
     fitted = choice.fitted
+    right, lag = retimed(every, samples, drive, prepared, fitted)
+    if right.remark and retime:
+        result = estimate_friction(
+            given, right.samples, known, right.drive, unknown, right.coarse(coarse),
+            retime=right.shift == 0.0,
+        )  # fmt: skip
+        return dataclasses.replace(result, remarks=(*result.remarks, right.remark))
     _refuse_noise(choice)
-    inertia: list[Estimate] = []
-    if beside is not None:
-        fitted, inertia = beside.widened(fitted)
+    fitted, inertia = beside.widened(fitted) if beside is not None else (fitted, [])
     residuals = residuals_of(data, fitted)
     patterns = find_patterns(data, fitted, residuals)
-    coarse = _coarse_change(scene, samples, drive, fitted, max(prepared.taken, 1))
-    rest = static.estimate_static(measured, segments, fitted)
-    estimates = {e.name: e for e in estimates_of(fitted, coarse, choice, known, scene)}
-    estimates["static_coefficient"] = static_estimate(rest)
-    estimates |= {e.name: e for e in inertia}
-    doubts, remarks = _judge_noise(prepared.taken, prepared.noise, delay)
-    doubts, reason = _judge_fit(measured, data, fitted, patterns, doubts)
-    if reason:
-        estimates = {name: withheld(e, reason) for name, e in estimates.items()}
+    less = coarse or _thinned(samples, drive)
+    taken = (max(prepared.taken, 1) + 1) // 2
+    change = _coarse_change(scene, less, fitted, taken, whole=coarse is not None)
+    rest = static.estimate_static(measured, prepared.segments, fitted)
+    estimates = estimates_of(fitted, change, choice, known, measured)
+    wrong = contradiction(prepared, start, choice, known)
+    doubts, remarks = _judge_sensors(prepared, delay, lag, wrong)
+    doubts, remarks, reason = _judge_fit(prepared, choice, fitted, patterns, (doubts, remarks))
+    every_estimate = [*estimates, static_estimate(rest), *inertia]
     law = fitted.law
-    _, cos, sin = slip(slips.rates, law.radius)
-    along = np.stack([cos, sin / law.radius], axis=1)
-    ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
-    ratio = law.ratio(slips.rates)
-    normal = law.normal(loads.radial, loads.moment)
-    deviation = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     return Identification(
-        estimates=estimates,
+        estimates={e.name: withheld(e, reason) if reason else e for e in every_estimate},
         samples=len(samples),
         duration=float(samples.stamps[-1] - samples.stamps[0]) * 1e-9,
-        slip_intervals=int(slips.intervals.sum()),
-        rest_intervals=sum(s.size for s in segments if not s.slips),
-        windows=len(slips),
         rest_windows=rest.windows,
-        skipped=measured.skipped + +skipped,
-        noise=slip_rate(measured, law.radius)[1],
         misfit=fitted.misfit,
-        normal=normal,
-        traction=np.hypot(ours[:, 0], ours[:, 1] / law.radius),
-        deviation=np.sqrt(deviation),
-        disc=ours / [1.0, law.radius] / (ratio * normal)[:, None],
-        slides=slips.rates[:, 0],
+        **_of_windows(prepared, law),
         law=law,
+        contact=measured.contact,
         static=rest,
         choice=choice,
         patterns=tuple(patterns),
@@ -208,32 +212,71 @@ def estimate_friction(
     )
 
 
+def _of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Any]:
+    """Return the attributes of an identification that describe its windows."""
+    slips, loads, measured = prepared.data.windows, prepared.loads, prepared.measured
+    _, cos, sin = slip(slips.rates, law.radius)
+    along = np.stack([cos, sin / law.radius], axis=1)
+    ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
+    normal = law.normal(loads.radial, loads.moment, prepared.data.bending(law.bending))
+    variance = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
+    limit = law.ratio(slips.rates) * normal
+    return {
+        "slip_intervals": int(slips.intervals.sum()),
+        "rest_intervals": sum(s.size for s in prepared.segments if not s.slips),
+        "windows": len(slips),
+        "skipped": measured.skipped + +prepared.skipped,
+        "noise": slip_rate(measured, law.radius)[1],
+        "slides": slips.rates[:, 0],
+        "normal": normal,
+        "traction": np.hypot(ours[:, 0], ours[:, 1] / law.radius),
+        "deviation": np.sqrt(variance),
+        "disc": ours / [1.0, law.radius] / limit[:, None],
+    }
+
+
 def _judge_fit(
-    measured: Intervals,
-    data: Calibrated,
+    prepared: Prepared,
+    choice: Choice,
     fitted: KineticFit,
     patterns: Sequence[Pattern],
-    doubts: tuple[str, ...],
-) -> tuple[tuple[str, ...], str]:
-    """Return all doubts, and the first reason to withhold the estimates; empty if there is none."""
-    if measured.problem:
-        doubts = (measured.problem, *doubts)
+    known: tuple[tuple[str, ...], tuple[str, ...]],
+) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Return all doubts and remarks, and the first reason to withhold the estimates, or nothing.
+
+    ``known``: doubts and remarks so far.
+    """
+    doubts, remarks = known
+    if choice.undetermined:
+        doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
+    doubt, remark = judge_overlap(prepared, choice.fitted)
+    doubts = (*filter(None, [prepared.measured.problem, doubt]), *doubts)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
-    if not rejected and (spread := unexplained_spread(data, fitted)):
+    if not rejected and (spread := unexplained_spread(prepared.data, fitted)):
         doubts += (spread,)
-    return doubts, next(iter([*doubts, *rejected]), "")
+    reason = next(iter([*doubts, *rejected]), "")
+    if remark and not reason:
+        remarks += (remark,)
+    return doubts, remarks, reason
 
 
-def _judge_noise(
-    taken: int, noise: Correlation, delay: Delay
+def _judge_sensors(
+    prepared: Prepared, delay: Delay, lag: LoadLag, wrong: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return why the sensors' errors forbid an estimate, and how they were treated otherwise."""
+    """Return why the sensors' errors forbid an estimate, and how they were treated otherwise.
+
+    ``wrong``: what contradicts a known value, which hides the lag.
+    """
+    taken, noise = prepared.taken, prepared.noise
     doubts: tuple[str, ...] = (delay.describe(),) if delay.counts else ()
     if taken == 0:
         doubts += (
             f"{noise.describe()}, also over up to {MOST_TOGETHER} samples; record twists that are "
-            "not filtered, or at a higher rate if the motion changes within a few samples",
+            "not filtered, or at a higher rate if the motion changes within a few samples; or take "
+            "the twists from the poses (--bandwidth 50)",
         )
+    late = lag.describe() if lag.counts and not (wrong or delay.counts) else ""
+    doubts = (*filter(None, [wrong, late]), *doubts)
     remarks: tuple[str, ...] = ()
     if taken > 1:
         remarks = (f"{noise.describe()}: {taken} intervals were taken as one",)
@@ -249,25 +292,28 @@ def _refuse_noise(choice: Choice) -> None:
         if choice.terms:
             raise IndeterminateError(
                 f"the motion does not separate the coefficient from {', '.join(choice.terms)}: "
-                f"{seen}; record slower and faster slip under several loads"
+                f"{seen}; {SLOWER_FASTER}"
             )
         raise IndeterminateError(f"no friction shows beyond the noise: {seen}")
 
 
-def _coarse_change(
-    scene: Scene, samples: SampleArrays, drive: Array | None, fitted: KineticFit, taken: int
-) -> Array:
-    """Return the change (free,) of the estimates, beyond noise, with every second sample removed.
+def _thinned(samples: SampleArrays, drive: Array | None) -> tuple[SampleArrays, Array | None]:
+    """Return every second sample, and the mean of the drive over two intervals."""
+    thinned = None
+    if drive is not None:
+        thinned = drive[::2].copy()
+        thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
+    return samples.every_second(), thinned
 
-    Zeros if the remaining samples do not suffice.
+
+def _coarse_change(scene: Scene, part: Part, fitted: KineticFit, taken: int, whole: bool) -> Array:
+    """Return the change (free,) of the estimates, beyond noise, with other samples of the motion.
+
+    ``whole``: they contain all of the motion, so that only what they lose of it is independent
+    noise; else they are some of the samples. Zeros if they do not suffice.
     """
     try:
-        thinned = None
-        if drive is not None:  # mean of the two intervals
-            thinned = drive[::2].copy()
-            thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
-        measured = measure_intervals(scene, samples.every_second(), thinned)
-        measured = together(measured, (taken + 1) // 2)
+        measured = together(measure_intervals(scene, *part), taken)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = slip_windows(measured, segments, fitted.law.radius)
         data = Calibrated.of(slips, ContactLoads.of(slips))
@@ -275,5 +321,6 @@ def _coarse_change(
     except (IdentifyError, np.linalg.LinAlgError):
         return np.zeros(len(fitted.free))
     moved = (again.law.vector - fitted.law.vector)[list(fitted.free)]
-    noise = np.diag(again.covariance) + np.diag(fitted.covariance)
+    own, other = np.diag(fitted.covariance), np.diag(again.covariance)
+    noise = np.maximum(other - own, 0.0) if whole else other + own
     return np.asarray(np.sqrt(np.maximum(moved**2 - COARSE_DEVIATIONS**2 * noise, 0.0)))

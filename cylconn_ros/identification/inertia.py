@@ -32,9 +32,10 @@ from cylconn_ros.identification.likelihood.kinetic import (
     factors,
     fit_law,
     sandwich_covariance,
+    slopes_of,
     weighted_residuals,
 )
-from cylconn_ros.identification.likelihood.law import FrictionLaw, slopes
+from cylconn_ros.identification.likelihood.law import FrictionLaw
 from cylconn_ros.identification.likelihood.selection import choose, fit_excited
 from cylconn_ros.identification.slips import prepare
 from cylconn_ros.recording.samples import SampleArrays
@@ -81,7 +82,18 @@ class InertiaProblem:
         free: Sequence[int],
         names: Sequence[str],
     ) -> None:
-        """Compute the forces; raise IndeterminateError if no known force acts along the slot."""
+        """Compute the forces.
+
+        Args:
+            scene: with start values of the unknowns.
+            samples: complete samples of a motion with known loads.
+            drive: (n, 2) known force and moment of a drive, or None.
+            start: friction law at which the search begins; free: its parameters to be estimated.
+            names: the unknowns, of UNKNOWN.
+
+        Raises IndeterminateError if no known force acts along the slot, IdentifyError if both
+        bodies or none are free.
+        """
         self.names = tuple(name for name in UNKNOWN if name in names)
         self._scene, self._start, self._free = scene, start, list(free)
         self._body = _free_body(scene)
@@ -165,7 +177,7 @@ class InertiaProblem:
         fitted = fit_law(data, model.law, model.free)
         inverse, _ = factors(data, fitted.law)
         r = weighted_residuals(data, fitted.law, inverse)
-        free, rates = list(fitted.free), data.windows.rates
+        free = list(fitted.free)
         known = np.zeros((len(data), 2, len(self.names)))
         middle = self._measured.time - 0.5 * self._measured.dt
         for k, name in enumerate(self.names):
@@ -175,7 +187,7 @@ class InertiaProblem:
                 mass = values[0] if "mass" in self.names else self._value("mass")
                 force = force - mass * self._weight
             known[:, at, k] = np.interp(data.windows.time, middle, force)
-        columns = np.concatenate([slopes(fitted.law, rates, data.loads, free), known], axis=2)
+        columns = np.concatenate([slopes_of(data, fitted.law, free), known], axis=2)
         j = -np.einsum("nij,njk->nik", inverse, columns)
         scale = np.maximum(np.sqrt(np.square(j).sum(axis=(0, 1))), 1e-300)
         j /= scale
@@ -261,27 +273,11 @@ class InertiaFit(NamedTuple):
         return dataclasses.replace(fitted, covariance=covariance), estimates
 
 
-def estimate_inertia(
-    scene: Scene,
-    samples: SampleArrays,
-    drive: Array | None,
-    start: FrictionLaw,
-    free: Sequence[int],
-    names: Sequence[str],
-) -> InertiaFit:
-    """Estimate mass and inertia about the slot of the free body.
+def estimate_inertia(problem: InertiaProblem) -> InertiaFit:
+    """Estimate mass and inertia about the slot of the free body, from the values of the scene on.
 
-    Args:
-        scene: with start values of both.
-        samples: complete samples of a motion with known loads.
-        drive: (n, 2) known force and moment of a drive, or None.
-        start: friction law at which the search begins; free: its parameters to be estimated.
-        names: of UNKNOWN.
-
-    Raises IndeterminateError if no known force acts along the slot or the search does not converge,
-    IdentifyError if both bodies or none are free.
+    Raises IndeterminateError if the search does not converge.
     """
-    problem = InertiaProblem(scene, samples, drive, start, free, names)
     values = problem.given.copy()
     model = problem.model(values, coulomb=True)  # at wrong values the data demand wrong terms
     for _ in range(ROUNDS):

@@ -81,9 +81,10 @@ def _traction(axes: Axes, found: Identification) -> None:
     axes.set_xlim(0.0, right)
     axes.set_ylim(bottom=0.0)
     law = found.law
+    where = " at $l_L$" if found.contact.sigma else ""
     axes.set_xlabel(
         f"normal force  $F_N = F_r + \\frac{{2}}{{L}}M_{{bend}} + F_C^{{int}}$  [N]"
-        f"      (2/L = {law.bending:.4g} /m, $F_C^{{int}}$ = {law.preload:.4g} N)"
+        f"      (2/L{where} = {law.bending:.4g} /m, $F_C^{{int}}$ = {law.preload:.4g} N)"
     )
     axes.set_ylabel("traction  $P = \\sqrt{f_1^2 + (m_1/R)^2}$  [N]")
     axes.grid(color="#E4E4E4", lw=0.6)

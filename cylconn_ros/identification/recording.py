@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +19,16 @@ from cylconn_ros.identification.forces.long_recordings import (
     collect_bounded,
     joined,
 )
+from cylconn_ros.identification.forces.pose_twists import (
+    BANDWIDTH,
+    has_no_twists,
+    twists_from_poses,
+)
 from cylconn_ros.identification.friction import PARAMETERS, Identification, estimate_friction
 from cylconn_ros.identification.inertia import UNKNOWN
+from cylconn_ros.identification.load_lag import Part
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
+from cylconn_ros.recording.samples import lacks_twists, synchronized_samples
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -36,6 +44,7 @@ def identify(
     drive: str = "",
     others: Sequence[Path | str | Run] = (),
     unknown: Sequence[str] = (),
+    bandwidth: float | None = None,
 ) -> Identification:
     """Estimate the friction of a joint from a recorded motion.
 
@@ -54,6 +63,8 @@ def identify(
             fitted together.
         unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
             too, from recorded loads or efforts along the slot; those of the scene are the start.
+        bandwidth: take the twists from the poses, by a smoother of this bandwidth, Hz. Default: the
+            recorded twists; if there are none, or all are zero, those of the poses at 50 Hz.
 
     Returns
     -------
@@ -83,22 +94,61 @@ def identify(
     if scene is None:
         scene = _stored_scene(runs[0])
     values = {name: _value(scene, name, value) for name, value in (known or {}).items()}
-    parts, drives, left_out = [], [], 0
-    for run in runs:
-        samples, left = collect_bounded(
-            synchronized_samples(run, scene, remap), MOST_SAMPLES // len(runs)
-        )
-        parts.append(samples)
-        drives.append(known_drive(run, samples, drive))
-        left_out += left
     for name in unknown:
         if name not in UNKNOWN:
             raise IdentifyError(f"unknown: {name!r} is not one of {', '.join(UNKNOWN)}")
-    drive_of_all = _joined_drives(parts, drives, scene)
-    found = estimate_friction(scene, joined(parts), values, drive_of_all, unknown)
-    if left_out:
-        found.skipped["in stretches of a long recording that were left out"] = left_out
-    return found
+    read = _read(runs, scene, remap, drive, bandwidth)
+    if read.remarks:
+        scene = dataclasses.replace(scene, period=0.0)  # that of the smoother's groups
+    samples, acting = _together(read.parts, scene)
+    coarse = _together(read.coarse, scene) if len(read.coarse) == len(runs) else None
+    result = estimate_friction(scene, samples, values, acting, unknown, coarse)
+    if read.left_out:
+        result.skipped["in stretches of a long recording that were left out"] = read.left_out
+    return dataclasses.replace(result, remarks=(*dict.fromkeys(read.remarks), *result.remarks))
+
+
+class Read(NamedTuple):
+    """Samples of several recordings.
+
+    Attributes
+    ----------
+        parts: of each recording. coarse: at half of the bandwidth, if twists are those of poses.
+        left_out: number of samples. remarks: on the twists.
+    """
+
+    parts: list[Part]
+    coarse: list[Part]
+    left_out: int
+    remarks: list[str]
+
+
+def _read(
+    runs: Sequence[Run],
+    scene: Scene,
+    remap: Mapping[str, str] | None,
+    drive: str,
+    bandwidth: float | None,
+) -> Read:
+    """Read the samples and drives; see ``identify`` for the arguments."""
+    from_poses = bandwidth is not None or any(lacks_twists(run, remap) for run in runs)
+    parts, coarse, left_out, remarks = [], [], 0, []
+    for run in runs:
+        samples, left = collect_bounded(
+            synchronized_samples(run, scene, remap, twists=not from_poses),
+            MOST_SAMPLES // len(runs),
+        )
+        acting = known_drive(run, samples, drive)
+        left_out += left
+        if from_poses or has_no_twists(samples):
+            wanted = bandwidth or BANDWIDTH
+            smoothed = twists_from_poses(samples, wanted, acting)
+            less = twists_from_poses(samples, 0.5 * wanted, acting)
+            coarse.append((less.samples, less.drive))
+            samples, acting = smoothed.samples, smoothed.drive
+            remarks.append(smoothed.describe())
+        parts.append((samples, acting))
+    return Read(parts, coarse, left_out, remarks)
 
 
 def _opened(recording: Path | str | Run, connector: str) -> Run:
@@ -107,18 +157,15 @@ def _opened(recording: Path | str | Run, connector: str) -> Run:
     return read_run(recording, connector)
 
 
-def _joined_drives(
-    parts: Sequence[SampleArrays], drives: Sequence[Array | None], scene: Scene
-) -> Array | None:
-    """Return the drives of all recordings; that of the scene where none was recorded."""
-    if all(one is None for one in drives):
-        return None
+def _together(parts: Sequence[Part], scene: Scene) -> Part:
+    """Join recordings; the drive is that of the scene where none was recorded."""
+    samples = joined([part for part, _ in parts])
+    if all(drive is None for _, drive in parts):
+        return samples, None
     command = scene.command
     constant = np.nan_to_num([command.slide.force, command.spin.force])
-    return np.concatenate([
-        np.tile(constant, (len(part), 1)) if one is None else one
-        for part, one in zip(parts, drives, strict=True)
-    ])  # fmt: skip
+    drives = [np.tile(constant, (len(part), 1)) if one is None else one for part, one in parts]
+    return samples, np.concatenate(drives)
 
 
 def identify_axis(

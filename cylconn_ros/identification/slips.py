@@ -26,13 +26,13 @@ from cylconn_ros.identification.likelihood.contact_loads import (
 )
 from cylconn_ros.identification.likelihood.law import NAMES, FrictionLaw
 from cylconn_ros.identification.likelihood.selection import BASE
+from cylconn_ros.scene.behaviour import INPUTS
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
 MIN_WINDOWS = 10  # slip windows
 DIRECTION_SIGNIFICANCE = 8.0  # standard deviations by which slip exceeds its noise in a window
-DECAY_TIMES = 5.0  # decay rates above which the static coefficient has no effect on slip
 
 
 class Prepared(NamedTuple):
@@ -84,20 +84,20 @@ def prepare(
 def start_law(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
     """Return the friction law of the parameters, at which the search starts."""
     friction = scene.friction
-    if friction.overlap_change != "constant" or friction.contact_centre not in ("auto", "body_b"):
-        raise IdentifyError(
-            f"friction.overlap_change = {friction.overlap_change}, friction.contact_centre = "
-            f"{friction.contact_centre}: must be constant and body_b, as the overlap is estimated "
-            "as one number; record the joint within a range in which it changes little"
-        )
     radius = known.get("radius", friction.radius)
     if not np.isfinite(radius):
         raise IdentifyError(
             "friction.radius: is not in the parameters; the slip rate of a spin needs it: give it "
             "with --params (then it is the start value) or --known radius=0.02"
         )
+    if len(friction.inputs) < len(INPUTS):
+        left_out = ", ".join(name for name in INPUTS if name not in friction.inputs)
+        raise IdentifyError(
+            f"friction.inputs: leaves out {left_out}; friction that ignores a part of the load is "
+            "not estimated: give all three, and what does not matter is found to be zero"
+        )
     overlap = known.get("overlap", friction.overlap)
-    mu = friction.coefficient if friction.coefficient > 0.0 else 0.1
+    mu = friction.mean_coefficient if friction.mean_coefficient > 0.0 else 0.1
     preload = known.get("preload", friction.preload)
     return FrictionLaw(mu, preload, 2.0 / overlap if overlap > 0.0 else 0.0, radius)
 
@@ -121,10 +121,6 @@ def slip_windows(
     friction = measured.scene.friction
     refused = (slip <= DIRECTION_SIGNIFICANCE * noise) | reverses
     skipped["windows whose slip has no significant direction"] = int(refused.sum())
-    if np.isfinite(friction.static_coefficient) and friction.decay > 0.0:
-        mixed = ~refused & (slip * friction.decay < DECAY_TIMES)
-        skipped[f"windows slower than {DECAY_TIMES:g}/friction.decay"] = int(mixed.sum())
-        refused |= mixed
     if np.isfinite(friction.max_force):
         traction = np.hypot(windows.wrench[:, 0], windows.wrench[:, 3] / radius)
         capped = ~refused & (traction > 0.9 * friction.max_force)

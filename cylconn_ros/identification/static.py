@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.identification.forces.contact import Contact
 from cylconn_ros.identification.forces.cubics import noise_covariance
 from cylconn_ros.identification.forces.intervals import Intervals
 from cylconn_ros.identification.forces.segments import (
@@ -66,11 +67,21 @@ class StaticFriction:
 
 
 class Breakaway(NamedTuple):
-    """Forces at a break-away."""
+    """Forces at a break-away, about node b."""
 
     time: float
     wrench: Array  # (6,)
     covariance: Array  # (6, 6)
+    length: float  # slide, m
+
+
+class Forces(NamedTuple):
+    """Forces about the middle of the contact at n times."""
+
+    wrench: Array  # (n, 6)
+    covariance: Array  # (n, 6, 6)
+    contact: Contact
+    lengths: Array  # (n,) slide, m
 
 
 def estimate_static(
@@ -79,7 +90,9 @@ def estimate_static(
     """Evaluate the rest segments and the break-aways with R, L and FCint of the kinetic fit."""
     law = fitted.law
     rest = cut_windows(measured, [s for s in segments if not s.slips])
-    ratio, own, shared = _ratios(rest.wrench, rest.covariance, law, fitted)
+    contact = measured.contact
+    resting = Forces(rest.wrench, rest.covariance, contact, rest.places[:, 0])
+    ratio, own, shared = _ratios(resting, fitted)
     bound = float("nan")
     if len(ratio):
         from scipy.stats import norm
@@ -96,9 +109,14 @@ def estimate_static(
     ]
     wrench = np.array([b.wrench for b in breakaways]).reshape(-1, 6)
     covariance = np.array([b.covariance for b in breakaways]).reshape(-1, 6, 6)
-    at_breakaway, own, shared = _ratios(wrench, covariance, law, fitted)
+    lengths = np.array([b.length for b in breakaways])
+    leaving = Forces(
+        contact.about_middle(wrench, lengths),
+        contact.covariance(covariance, lengths), contact, lengths,
+    )  # fmt: skip
+    at_breakaway, own, shared = _ratios(leaving, fitted)
     common = float(np.linalg.norm(shared.mean(axis=0))) if breakaways else 0.0
-    both = np.vstack([rest.wrench, wrench])
+    both = [resting, leaving]
     return StaticFriction(
         ratio,
         bound,
@@ -107,28 +125,27 @@ def estimate_static(
         np.sqrt(own),
         common,
         np.array([b.time for b in breakaways]),
-        _normal(both, law),
-        _traction(both, law),
+        np.concatenate([_normal(one, law) for one in both]),
+        np.concatenate([_traction(one, law) for one in both]),
     )
 
 
-def _normal(wrench: Array, law: FrictionLaw) -> Array:
-    return law.normal(
-        np.hypot(wrench[..., 1], wrench[..., 2]), np.hypot(wrench[..., 4], wrench[..., 5])
-    )
+def _normal(forces: Forces, law: FrictionLaw) -> Array:
+    w = forces.wrench
+    bending = forces.contact.bending(law.bending, forces.lengths)
+    return law.normal(np.hypot(w[:, 1], w[:, 2]), np.hypot(w[:, 4], w[:, 5]), bending)
 
 
-def _traction(wrench: Array, law: FrictionLaw) -> Array:
-    return np.asarray(np.hypot(wrench[..., 0] + law.offset, wrench[..., 3] / law.radius))
+def _traction(forces: Forces, law: FrictionLaw) -> Array:
+    w = forces.wrench
+    return np.asarray(np.hypot(w[:, 0] + law.offset, w[:, 3] / law.radius))
 
 
-def _ratio(wrench: Array, law: FrictionLaw) -> Array:
-    return _traction(wrench, law) / np.maximum(_normal(wrench, law), 1e-300)
+def _ratio(forces: Forces, law: FrictionLaw) -> Array:
+    return _traction(forces, law) / np.maximum(_normal(forces, law), 1e-300)
 
 
-def _ratios(
-    wrench: Array, covariance: Array, law: FrictionLaw, fitted: KineticFit
-) -> tuple[Array, Array, Array]:
+def _ratios(forces: Forces, fitted: KineticFit) -> tuple[Array, Array, Array]:
     """Evaluate P/FN and its errors.
 
     Returns
@@ -136,22 +153,23 @@ def _ratios(
         P/FN (n,), its variance by the noise of the forces (n,), and its changes (n, k) by k
         uncorrelated parameter errors of one standard deviation each.
     """
+    law, wrench, covariance = fitted.law, forces.wrench, forces.covariance
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     slopes = np.zeros((len(wrench), 6))
     for k in range(6):
         step = np.zeros_like(wrench)
         step[:, k] = np.maximum(size[:, k], 1e-12)
-        change = _ratio(wrench + step, law) - _ratio(wrench - step, law)
-        slopes[:, k] = change / (2.0 * step[:, k])
+        up, down = (forces._replace(wrench=wrench + sign * step) for sign in (1.0, -1.0))
+        slopes[:, k] = (_ratio(up, law) - _ratio(down, law)) / (2.0 * step[:, k])
     own = np.einsum("ni,nij,nj->n", slopes, covariance, slopes)
     sizes, vectors = np.linalg.eigh(fitted.covariance)
     shared = np.zeros((len(wrench), len(sizes)))
     for column, direction in enumerate((vectors * np.sqrt(np.maximum(sizes, 0.0))).T):
         step = np.zeros(len(law.vector))
         step[list(fitted.free)] = direction
-        up, down = law_from_vector(law.vector + step), law_from_vector(law.vector - step)
-        shared[:, column] = 0.5 * (_ratio(wrench, up) - _ratio(wrench, down))
-    return _ratio(wrench, law), own, shared
+        more, less = law_from_vector(law.vector + step), law_from_vector(law.vector - step)
+        shared[:, column] = 0.5 * (_ratio(forces, more) - _ratio(forces, less))
+    return _ratio(forces, law), own, shared
 
 
 def _breakaway(
@@ -182,7 +200,7 @@ def _breakaway(
             slope, curvature = solve[1] / duration, 2.0 * solve[2] / duration**2
             forces, rates = slope @ p, curvature @ p
             cov = white * (slope @ slope) + np.outer(rates, rates) * spread**2
-            return Breakaway(time, forces, cov)
+            return Breakaway(time, forces, cov, float(measured.places[last - 1, 0]))
         size //= 2
     return None
 

@@ -45,8 +45,21 @@ def vectors(table: Table, names: tuple[str, ...], axes: str = "xyz") -> Array:
     return np.column_stack([table[f"{name}.{axis}"] for name in names for axis in axes])
 
 
+def lacks_twists(run: Run, remap: Mapping[str, str] | None = None) -> bool:
+    """Whether a body has recorded poses but no twists."""
+    streams, _ = _input_streams(run, remap or {})
+    recorded = [one for one in streams if one.kind is not None and run.counts.get(one.topic, 1)]
+    posed = {one.body for one in recorded if one.kind and one.kind.pose_fields[0]}
+    moving = {one.body for one in recorded if one.kind and _has_twist(one.kind)}
+    return bool(posed - moving)
+
+
+def _has_twist(kind: InputType) -> bool:
+    return kind.carries_motion and bool(kind.pair_fields[0])
+
+
 def synchronized_samples(
-    run: Run, scene: Scene, remap: Mapping[str, str] | None = None
+    run: Run, scene: Scene, remap: Mapping[str, str] | None = None, *, twists: bool = True
 ) -> Iterator[RecordedSample]:
     """Yield the complete samples of a run, in recording order.
 
@@ -54,11 +67,14 @@ def synchronized_samples(
         run: the recording.
         scene: the parameters of the connector.
         remap: topics of the recording by input name, e.g. ``{"body_b/pose": "/arm/pose"}``.
+        twists: False: a pose alone makes a sample, with a twist of zero.
 
     Raises RecordingError if a topic of ``remap`` is missing, or an input topic has no columns.
     """
     matcher = SampleMatcher(scene)
     streams, wrench = _input_streams(run, remap or {})
+    if not twists:
+        streams = [one for one in streams if one.kind is None or one.kind.topic != "twist"]
     used = [stream for stream in streams if run.counts.get(stream.topic, 1)]
     waits = any(one.kind is not None and not one.kind.carries_motion for one in used)
     loads = any(one.kind is not None and not one.kind.carries_motion for one in streams)
@@ -68,7 +84,7 @@ def synchronized_samples(
             used.append(_Stream(wrench, 0, None, len(_KINDS)))
     if not loads:  # a simulated run has no load topics: its loads are in the scene
         matcher.sample[layout.LOADS] = (*scene.plant.body_a.load, *scene.plant.body_b.load)
-    for handler, row in _in_order(run, used, matcher):
+    for handler, row in _in_order(run, used, matcher, twists):
         found = handler(row)
         while found is not None:
             if not found.repeated:
@@ -109,7 +125,7 @@ def _input_streams(run: Run, remap: Mapping[str, str]) -> tuple[list[_Stream], s
 
 
 def _in_order(
-    run: Run, streams: Sequence[_Stream], matcher: SampleMatcher
+    run: Run, streams: Sequence[_Stream], matcher: SampleMatcher, twists: bool
 ) -> Iterator[tuple[Handler, int]]:
     """Yield the handler and row of every message, by log time; at equal times by rank.
 
@@ -140,7 +156,7 @@ def _in_order(
             if stream.kind is None:
                 handlers.append(functools.partial(_end_wait, matcher, table.stamp))
             else:
-                handlers.append(_handler(matcher, stream.body, stream.kind, table))
+                handlers.append(_handler(matcher, stream.body, stream.kind, table, twists))
     done, _ = _split(places, everything=True)
     yield from ((handlers[h], row) for row, h in done)
 
@@ -176,12 +192,20 @@ class SampleArrays(Sequence[RecordedSample]):
         h: (n,) s since the previous sample.
         restarted: (n,) bool, a new history begins.
         samples: (n, NSAMPLE).
+        averaged: bool, the loads are means over the interval that begins with the sample.
     """
 
     def __init__(
-        self, stamps: NDArray[np.int64], h: Array, restarted: NDArray[np.bool_], samples: Array
+        self,
+        stamps: NDArray[np.int64],
+        h: Array,
+        restarted: NDArray[np.bool_],
+        samples: Array,
+        *,
+        averaged: bool = False,
     ) -> None:
         self.stamps, self.h, self.restarted, self.samples = stamps, h, restarted, samples
+        self.averaged = averaged
 
     @classmethod
     def collect(cls, samples: Iterable[RecordedSample]) -> SampleArrays:
@@ -210,7 +234,8 @@ class SampleArrays(Sequence[RecordedSample]):
     def __getitem__(self, k: slice) -> SampleArrays: ...
     def __getitem__(self, k: int | slice) -> RecordedSample | SampleArrays:
         if isinstance(k, slice):
-            return SampleArrays(self.stamps[k], self.h[k], self.restarted[k], self.samples[k])
+            rows = (self.stamps[k], self.h[k], self.restarted[k], self.samples[k])
+            return SampleArrays(*rows, averaged=self.averaged)
         return RecordedSample(
             int(self.stamps[k]), float(self.h[k]), bool(self.restarted[k]), self.samples[k]
         )
@@ -221,7 +246,14 @@ class SampleArrays(Sequence[RecordedSample]):
         count = len(h) - 1
         h[1:] += self.h[1::2][:count]
         restarted[1:] |= self.restarted[1::2][:count]
-        return SampleArrays(self.stamps[::2], h, restarted, self.samples[::2])
+        samples = self.samples[::2]
+        if self.averaged:  # over both intervals
+            samples = samples.copy()
+            both = self.h[1::2][:count, None], self.h[2::2][:, None]
+            loads = [self.samples[k::2][:count, layout.LOADS] for k in (0, 1)]
+            mean = (both[0] * loads[0] + both[1] * loads[1]) / np.maximum(both[0] + both[1], 1e-12)
+            samples[:count, layout.LOADS] = mean
+        return SampleArrays(self.stamps[::2], h, restarted, samples, averaged=self.averaged)
 
 
 def _end_wait(
@@ -235,7 +267,7 @@ def _end_wait(
 
 
 def _handler(
-    matcher: SampleMatcher, body: int, kind: InputType, table: Table
+    matcher: SampleMatcher, body: int, kind: InputType, table: Table, twists: bool
 ) -> Callable[[int], SynchronizedSample | None]:
     """Return the function that passes row k of a topic's table to the synchronizer."""
     frames, stamps = table["header.frame_id"], table.stamp
@@ -248,6 +280,8 @@ def _handler(
     if kind.pose_fields[0]:
         position, orientation = kind.pose_fields
         poses = np.hstack([vectors(table, (position,)), vectors(table, (orientation,), "xyzw")])
+    if kind.carries_motion and not (twists or kind.pair_fields[0]):
+        pairs = np.zeros((len(table), 6))
     children = table["child_frame_id"] if kind.has_child_frame else None
     return lambda k: matcher.motion(
         body,

@@ -62,7 +62,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     )
     par[model.PULL_IN : model.PULL_IN + 2] = ref.pull_in_speed, ref.pull_in_rate
     par[model.FRICTION : model.FRICTION + friction.SIZE] = friction.pack(law)
-    par[model.OVERLAP : model.OVERLAP + 6] = _overlap(scene.friction)
+    par[model.OVERLAP : model.OVERLAP + 6] = pack_overlap(scene.friction)
     par[model.OFFSET] = scene.friction.offset_force
     elasticity, damping = scene.elasticity, scene.damping
     par[model.ELASTICITY : model.ELASTICITY + 4] = (
@@ -182,8 +182,8 @@ def _friction(given: Friction) -> tuple[friction.Law, list[float]]:
     return law, [] if table is None else [*table.rates, *table.forces, *table.values]
 
 
-def _overlap(given: Friction) -> list[float]:
-    """How overlap and middle of the contact change with the slide; core/overlap.py."""
+def pack_overlap(given: Friction) -> list[float]:
+    """How overlap and middle of the contact change with the slide, as in core/overlap.py."""
     sigma = SLOPES[given.overlap_change]
     auto = "body_b" if sigma == 0.0 else "between"
     centre = auto if given.contact_centre == "auto" else given.contact_centre

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from scipy.stats import binom
 
-from cylconn_ros.bench.identification import guides
+from cylconn_ros.bench.identification import guides, sensors
 from cylconn_ros.cli.main import main
 from cylconn_ros.identification.friction import estimate_friction
 
@@ -54,9 +54,10 @@ def test_every_draw_finds_the_terms_and_the_values(name: str) -> None:
     truth = {"coefficient": mean, "c1": guide.viscous, "direction": half / mean}
     rows, inside, right = guides.motion(guide), dict.fromkeys(truth, 0), 0
     for seed in range(SEEDS):
-        found = estimate_friction(scene, guides.measured(rows, seed))
+        found = estimate_friction(scene, sensors.measured(rows, "white", seed))
         assert found.accepted
-        right += found.choice.terms == TERMS[name]
+        terms, others = found.choice.terms, found.choice.alternatives
+        right += TERMS[name] in (terms, tuple(others.get(one, one) for one in terms))
         assert found["coefficient"].value == pytest.approx(mean, rel=0.1)
         if (
             "difference by direction" in found.choice.terms
@@ -65,7 +66,7 @@ def test_every_draw_finds_the_terms_and_the_values(name: str) -> None:
         for key, value in truth.items():
             e = found[key]
             inside[key] += e.low <= value <= e.high if e.found else value == 0.0
-    assert right >= 0.95 * SEEDS
+    assert right >= binom.ppf(FALSE_ALARM, SEEDS, 0.95)  # a term too many: 1 to 3 of 100 draws
     for key, count in inside.items():
         assert count >= binom.ppf(FALSE_ALARM, SEEDS, 0.95), key
 

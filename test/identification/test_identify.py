@@ -168,7 +168,7 @@ def test_noise_does_not_bias_the_law() -> None:
     n, law = 4000, FrictionLaw(0.3, 2.0, 20.0, 0.02)
     radial, moment, way = rng.uniform(2.0, 12.0, n), rng.uniform(0.05, 0.4, n), rng.uniform(0, 6, n)
     s = np.column_stack([np.cos(way), np.sin(way) / law.radius])
-    limit = law.coefficient * law.normal(radial, moment)
+    limit = law.coefficient * law.normal(radial, moment, np.full(n, law.bending))
     turn = rng.uniform(0.0, 6.0, (2, n))
     wrench = np.column_stack([
         -limit * np.cos(way), radial * np.cos(turn[0]), radial * np.sin(turn[0]),

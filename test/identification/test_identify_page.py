@@ -13,7 +13,7 @@ from paths import BAGS
 from test_identify import evenly, measured, pushed
 from test_recordings_together import write_axis
 
-from cylconn_ros.bench.identification import axis, joints
+from cylconn_ros.bench.identification import axis, joints, sensors
 from cylconn_ros.cli.identify_page import friction_findings
 from cylconn_ros.cli.main import main
 from cylconn_ros.identification.friction import Identification, estimate_friction
@@ -37,10 +37,10 @@ def plots(path: Path) -> dict[str, dict]:
 
 def rejected() -> Identification:
     """Identify a friction that depends on the place in the slot."""
-    rows = joints.motion(joints.law_of("Coulomb"))
+    rows = joints.motion("Coulomb")
     drive = np.zeros((len(rows), 2))
     drive[:, 0] = 3.0 * np.sin(1.5 * rows[:, 13])
-    return estimate_friction(joints.scene(), joints.measured(rows, "white", 1), drive=drive)
+    return estimate_friction(joints.scene(), sensors.measured(rows, "white", 1), drive=drive)
 
 
 def test_a_model_that_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -109,8 +109,8 @@ def test_bars_of_group_means_are_their_standard_errors() -> None:
 
 def test_intervals_before_and_after_a_term() -> None:
     """Without the viscous term mu is far off; with it the interval contains the truth."""
-    rows = joints.motion(joints.law_of("viscous"))
-    found = estimate_friction(joints.scene(), joints.measured(rows, "white", 1))
+    rows = joints.motion("viscous")
+    found = estimate_friction(joints.scene(), sensors.measured(rows, "white", 1))
     page = friction_findings(found, [])
     steps = next(section for section in page.sections if section.key == "steps")
     (mu,) = [plot for plot in steps.plots if plot.key == "steps_coefficient"]

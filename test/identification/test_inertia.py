@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 from test_recordings_together import write_axis
 
-from cylconn_ros.bench.identification import joints
+from cylconn_ros.bench.identification import joints, sensors
 from cylconn_ros.cli.main import main
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError, IndeterminateError
@@ -29,19 +29,19 @@ BOTH = ("mass", "inertia")
 
 def wrong_scene() -> Scene:
     """The scene of the study with three quarters of mass and inertia."""
-    ixx, *others = joints.INERTIA
+    ixx, *others = sensors.INERTIA
     inertia = [0.75 * ixx, *others]
-    return joints.scene().replace({"body_b.mass": 0.75 * joints.MASS, "body_b.inertia": inertia})
+    return joints.scene().replace({"body_b.mass": 0.75 * sensors.MASS, "body_b.inertia": inertia})
 
 
 def test_mass_and_inertia_beside_friction() -> None:
     """From three quarters of both; all intervals hold, those of friction too."""
-    truth = {"mass": joints.MASS, "inertia": joints.INERTIA[0], "coefficient": 0.2}
+    truth = {"mass": sensors.MASS, "inertia": sensors.INERTIA[0], "coefficient": 0.2}
     truth |= {"radius": 0.02, "overlap": 0.1, "preload": 3.0}
-    rows = joints.motion(joints.law_of("Coulomb"))
+    rows = joints.motion("Coulomb")
     inside = dict.fromkeys(truth, 0)
     for seed in range(SEEDS):
-        samples = joints.measured(rows, "white", seed)
+        samples = sensors.measured(rows, "white", seed)
         found = estimate_friction(wrong_scene(), samples, unknown=BOTH)
         assert found.accepted
         for name, value in truth.items():
@@ -61,7 +61,7 @@ def unbalanced(t: Array) -> tuple[Array, Array]:
     The motion is prescribed; the loads along and about the slot are those that cause it against
     Coulomb friction (mu 0.2, R 0.02 m, L 0.1 m, FCint 3 N).
     """
-    m, ixx = joints.MASS, joints.INERTIA[0]
+    m, ixx = sensors.MASS, sensors.INERTIA[0]
     v = 0.9 * np.sin(5.0 * t) + 0.4 * np.sin(2.3 * t + 1.0)
     x = -0.18 * np.cos(5.0 * t) - 0.4 / 2.3 * np.cos(2.3 * t + 1.0)
     dv = 4.5 * np.cos(5.0 * t) + 0.92 * np.cos(2.3 * t + 1.0)
@@ -86,17 +86,17 @@ def unbalanced(t: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_mass_centre_off_the_slot(seed: int) -> None:
     """The inertia is that about the slot: it contains m d^2."""
-    t: Array = np.asarray(joints.PERIOD * np.arange(joints.SAMPLES), dtype=np.float64)
+    t: Array = np.asarray(sensors.PERIOD * np.arange(joints.SAMPLES), dtype=np.float64)
     rows = np.zeros((len(t), layout.NSAMPLE))
     rows[:, layout.A_POSE + 6] = 1.0
     rows[:, layout.B_POSE : layout.B_POSE + 13] = unbalanced(t)[0]
-    loads = unbalanced(t + 0.5 * joints.PERIOD)[1]
+    loads = unbalanced(t + 0.5 * sensors.PERIOD)[1]
     rows[:, layout.LOADS.start + 6], rows[:, layout.LOADS.start + 9] = loads.T
     scene = wrong_scene().replace({"node_b.position": [0.0, 0.0, -ARM]})
-    found = estimate_friction(scene, joints.measured(rows, "white", seed), unknown=BOTH)
+    found = estimate_friction(scene, sensors.measured(rows, "white", seed), unknown=BOTH)
     assert found.accepted
-    assert found["mass"].value == pytest.approx(joints.MASS, rel=5e-3)
-    about = joints.INERTIA[0] + joints.MASS * ARM**2
+    assert found["mass"].value == pytest.approx(sensors.MASS, rel=5e-3)
+    about = sensors.INERTIA[0] + sensors.MASS * ARM**2
     assert found["inertia"].value == pytest.approx(about, rel=5e-3)
     assert found["inertia"].low < about < found["inertia"].high
     assert found["coefficient"].low < 0.2 < found["coefficient"].high
@@ -104,9 +104,9 @@ def test_a_mass_centre_off_the_slot(seed: int) -> None:
 
 def test_without_a_known_force_the_mass_is_not_determined() -> None:
     """Twice mass, inertia, FCint, c1: the same motion. Loads are what tells them apart."""
-    rows = joints.motion(joints.law_of("Coulomb"))
+    rows = joints.motion("Coulomb")
     rows[:, layout.LOADS] = 0.0
-    samples = joints.measured(rows, "white", 1)
+    samples = sensors.measured(rows, "white", 1)
     with pytest.raises(IndeterminateError, match="mass: no known force along the slot acts"):
         estimate_friction(joints.scene(), samples, unknown=("mass",))
     with pytest.raises(IndeterminateError, match="no known moment about the slot"):
@@ -118,11 +118,11 @@ def test_mass_and_preload_scale_together_without_known_forces(factor: float) -> 
     """Coasting: with another mass mu, L and R are the same, FCint is in proportion."""
     law = joints.law_of("Coulomb")
     rows = _coasting(law.coefficient, law.preload)
-    samples = joints.measured(rows, "white", 1)
+    samples = sensors.measured(rows, "white", 1)
     scene = joints.scene()
     other = scene.replace({
-        "body_b.mass": factor * joints.MASS,
-        "body_b.inertia": [factor * x for x in joints.INERTIA],
+        "body_b.mass": factor * sensors.MASS,
+        "body_b.inertia": [factor * x for x in sensors.INERTIA],
     })  # fmt: skip
     known = [
         {"radius": 0.02, "overlap": 0.1, "preload": scale * law.preload} for scale in (1.0, factor)
@@ -139,8 +139,8 @@ def test_mass_and_preload_scale_together_without_known_forces(factor: float) -> 
 def _coasting(coefficient: float, preload: float) -> Array:
     rows = np.zeros((1500, layout.NSAMPLE))
     rows[:, layout.A_POSE + 6] = rows[:, layout.B_POSE + 6] = 1.0
-    t = joints.PERIOD * np.arange(len(rows))
-    slowing = coefficient * (9.81 + preload / joints.MASS)
+    t = sensors.PERIOD * np.arange(len(rows))
+    slowing = coefficient * (9.81 + preload / sensors.MASS)
     rows[:, layout.B_POSE] = 5.0 * t - 0.5 * slowing * t**2
     rows[:, layout.B_TWIST] = 5.0 - slowing * t
     return rows
@@ -150,9 +150,9 @@ def test_two_free_bodies_are_refused() -> None:
     scene = joints.scene().replace({
         "body_a.kind": "free", "body_a.mass": 1.0, "body_a.inertia": [1.0, 0, 0, 1.0, 0, 1.0],
     })  # fmt: skip
-    rows = joints.motion(joints.law_of("Coulomb"))
+    rows = joints.motion("Coulomb")
     with pytest.raises(IdentifyError, match="free are: body_a and body_b"):
-        estimate_friction(scene, joints.measured(rows, "white", 1), unknown=("mass",))
+        estimate_friction(scene, sensors.measured(rows, "white", 1), unknown=("mass",))
 
 
 TRUTH = {"mass": 0.012, "c1": 0.03, "preload_friction": 0.08, "offset": 0.02}
@@ -219,7 +219,7 @@ def test_mass_and_inertia_through_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, params = tmp_path / "bag", tmp_path / "sleeve.yaml"
-    write_joint(bag, joints.measured(joints.motion(joints.law_of("Coulomb")), "white", 1))
+    write_joint(bag, sensors.measured(joints.motion("Coulomb"), "white", 1))
     _write(params, wrong_scene())
     options = ["--params", str(params), "--estimate", "mass", "--estimate", "inertia"]
     page = tmp_path / "page.html"
@@ -245,8 +245,10 @@ def _set(value: object) -> bool:
     return value not in ((), [])
 
 
-def write_joint(path: Path, samples: SampleArrays) -> None:
-    """Write poses, twists and loads of body B as a recording of other software."""
+def write_joint(
+    path: Path, samples: SampleArrays, names: tuple[str, ...] = ("pose", "twist", "load")
+) -> None:
+    """Write poses, twists and loads of body B, or some of them, as other software records them."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -254,7 +256,8 @@ def write_joint(path: Path, samples: SampleArrays) -> None:
     t = store.types
     point, turn = t["geometry_msgs/msg/Point"], t["geometry_msgs/msg/Quaternion"]
     vector, header = t["geometry_msgs/msg/Vector3"], t["std_msgs/msg/Header"]
-    kinds = {"pose": "PoseStamped", "twist": "TwistStamped", "load": "WrenchStamped"}
+    every = {"pose": "PoseStamped", "twist": "TwistStamped", "load": "WrenchStamped"}
+    kinds = {name: every[name] for name in names}
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
             name: writer.add_connection(
@@ -271,7 +274,7 @@ def write_joint(path: Path, samples: SampleArrays) -> None:
                 "twist": t["geometry_msgs/msg/Twist"](vector(*twist[:3]), vector(*twist[3:])),
                 "load": t["geometry_msgs/msg/Wrench"](vector(*load[:3]), vector(*load[3:])),
             }
-            for name, part in parts.items():
+            for name in names:
                 kind = f"geometry_msgs/msg/{kinds[name]}"
-                message = t[kind](head, part)
+                message = t[kind](head, parts[name])
                 writer.write(topics[name], int(stamp), store.serialize_cdr(message, kind))

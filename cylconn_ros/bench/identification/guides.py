@@ -1,4 +1,4 @@
-"""A level guide pushed to and fro, and a carriage that coasts to rest, with white noise.
+"""A level guide pushed to and fro, and a carriage that coasts to rest.
 
 Friction is viscous or differs by direction, which a scene with one coefficient does not tell. The
 motion is integrated here, independent of the connector; a push within friction holds the guide
@@ -13,16 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.bench.identification import sensors
+from cylconn_ros.bench.identification.sensors import MASS, PERIOD, WEIGHT
 from cylconn_ros.core import layout
-from cylconn_ros.recording.samples import SampleArrays
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
-PERIOD, SUBSTEPS = 1e-3, 20
-MASS, WEIGHT = 2.0, 2.0 * 9.81
+SUBSTEPS = 20
 PUSH, FREQUENCY = 14.0, 1.0  # N, Hz
-RATE, SPIN, PLACE, TURN = 1e-3, 5e-3, 1e-5, 1e-4  # m/s, rad/s, m, rad: standard deviations
 
 
 class Guide(NamedTuple):
@@ -46,18 +45,7 @@ GUIDES = {
 
 def scene() -> Scene:
     """Return what is assumed of the guide: a coefficient, and no damping."""
-    return Scene.from_parameters({
-        "period": PERIOD,
-        "body_a.frame": "shaft",
-        "body_a.kind": "fixed",
-        "body_b.frame": "sleeve",
-        "body_b.kind": "free",
-        "body_b.mass": MASS,
-        "body_b.inertia": [0.0016, 0.0, 0.0, 0.0022, 0.0, 0.0022],
-        "node_a.orientation": [0.0, 0.0, 0.0, 1.0],
-        "friction.coefficient": 0.2,
-        "friction.radius": 0.02,
-    })  # fmt: skip
+    return sensors.scene(coefficient=0.2, radius=0.02)
 
 
 def motion(guide: Guide) -> Array:
@@ -79,17 +67,3 @@ def motion(guide: Guide) -> Array:
                 after = 0.0
             x, v = x + 0.5 * d * (v + after), after
     return rows
-
-
-def measured(rows: Array, seed: int) -> SampleArrays:
-    """Return samples with white noise on pose and twist."""
-    rng, found, n = np.random.default_rng(seed), rows.copy(), len(rows)
-    place, twist = layout.B_POSE, layout.B_TWIST
-    found[:, place : place + 3] += PLACE * rng.standard_normal((n, 3))
-    found[:, place + 3 : place + 6] += 0.5 * TURN * rng.standard_normal((n, 3))
-    found[:, twist : twist + 3] += RATE * rng.standard_normal((n, 3))
-    found[:, twist + 3 : twist + 6] += SPIN * rng.standard_normal((n, 3))
-    h = np.full(n, PERIOD)
-    h[0] = 0.0
-    stamps = np.round(np.arange(n) * PERIOD * 1e9).astype(np.int64)
-    return SampleArrays(stamps, h, np.zeros(n, np.bool_), found)

@@ -13,16 +13,16 @@ import logging
 
 import numpy as np
 
-from cylconn_ros.bench.identification import guides
+from cylconn_ros.bench.identification import sensors
 from cylconn_ros.core import layout
 from cylconn_ros.recording.samples import SampleArrays
 
 _MODEL = f"""
 <mujoco>
-  <option timestep="{guides.PERIOD}" integrator="implicitfast"><flag contact="disable"/></option>
+  <option timestep="{sensors.PERIOD}" integrator="implicitfast"><flag contact="disable"/></option>
   <worldbody>
     <body name="sleeve">
-      <inertial pos="0 0 0" mass="{guides.MASS}" diaginertia="0.0016 0.0022 0.0022"/>
+      <inertial pos="0 0 0" mass="{sensors.MASS}" diaginertia="0.0016 0.0022 0.0022"/>
       <joint name="slide" type="slide" axis="1 0 0"/>
       <geom type="sphere" size="0.02"/>
     </body>
@@ -55,7 +55,7 @@ def mujoco_sysid(samples: SampleArrays) -> dict[str, tuple[float, float, float]]
     rows, n = samples.samples, len(samples)
     seen = rows[:, [layout.B_POSE, layout.B_TWIST]]
     push = rows[:, layout.LOADS][:, 6]
-    time = np.arange(n) * guides.PERIOD
+    time = np.arange(n) * sensors.PERIOD
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = seen[0]
     state = sysid.create_initial_state(model, data.qpos, data.qvel, data.act)
@@ -85,7 +85,7 @@ def mujoco_sysid(samples: SampleArrays) -> dict[str, tuple[float, float, float]]
     rest, *_ = residual(result.x, found)
     _, half = sysid.calculate_intervals(rest, result.jac)
     values = dict(zip(("coefficient", "c1"), zip(result.x, half, strict=True), strict=True))
-    units = {"coefficient": guides.WEIGHT, "c1": 1.0}
+    units = {"coefficient": sensors.WEIGHT, "c1": 1.0}
     return {
         name: (float(x) / units[name], float(x - h) / units[name], float(x + h) / units[name])
         for name, (x, h) in values.items()

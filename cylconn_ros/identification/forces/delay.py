@@ -42,7 +42,8 @@ class Delay(NamedTuple):
         return (
             f"the twist of the {self.component} is {abs(self.periods):.2f} ± {spread:.2g} sample "
             f"periods {way} against the poses (expected: at most {ALLOWED:g}); record twists "
-            "without a filter, with the stamp of the motion that they describe"
+            "without a filter, with the stamp of the motion that they describe; or take the twists "
+            "from the poses (--bandwidth 50)"
         )
 
     @property

@@ -20,6 +20,7 @@ from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError, IndeterminateError
+from cylconn_ros.identification.forces.contact import CONSTANT, Contact, contact_of
 from cylconn_ros.identification.forces.drives import without_drive
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
@@ -57,6 +58,7 @@ class Intervals:
         usable: (n,) bool, the wrench contains friction and constraint only.
         skipped: number of unusable intervals by reason.
         problem: why all of them are worth nothing: the motion leaves the joint; else empty.
+        contact: of shaft and sleeve, how it changes with the slide.
     """
 
     scene: Scene
@@ -68,6 +70,7 @@ class Intervals:
     usable: Mask
     skipped: Counter[str]
     problem: str = ""
+    contact: Contact = CONSTANT
 
     @property
     def step(self) -> float:
@@ -136,6 +139,8 @@ def _loads(samples: SampleArrays, usual: float) -> Array:
     are those interpolated: the mean over n periods is (n - 1)/(2 n) of the way to the next load.
     """
     loads: Array = samples.samples[:, layout.LOADS].copy()
+    if samples.averaged:
+        return loads
     periods = np.maximum(samples.h[1:] / usual, 1.0)
     share = 0.5 * (1.0 - 1.0 / periods)
     share[samples.restarted[1:]] = 0.0
@@ -184,7 +189,8 @@ def _intervals(
         skipped[reason] = int((rows & usable).sum())
         usable &= ~rows
     skipped["not finite"] = int((~finite).sum())
-    return Intervals(scene, time, dt, wrench, rates, places, usable, +skipped)
+    contact = contact_of(scene, float(places[0, 0]))
+    return Intervals(scene, time, dt, wrench, rates, places, usable, +skipped, contact=contact)
 
 
 def _column(out: Array, name: str, width: int) -> Array:

@@ -85,7 +85,7 @@ def joined(recordings: Sequence[SampleArrays]) -> SampleArrays:
         restarted = one.restarted.copy()
         restarted[0] = True
         stamps = one.stamps - one.stamps.min() + begin
-        parts.append(SampleArrays(stamps, one.h, restarted, one.samples))
+        parts.append(SampleArrays(stamps, one.h, restarted, one.samples, averaged=one.averaged))
         begin = int(stamps.max()) + BETWEEN
     return _concatenated(parts) if parts else recordings[0]
 
@@ -95,5 +95,6 @@ def _concatenated(parts: Sequence[SampleArrays]) -> SampleArrays:
         *(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("stamps", "h", "restarted", "samples")
-        )
+        ),
+        averaged=any(part.averaged for part in parts),
     )

@@ -18,6 +18,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.identification.forces.contact import CONSTANT, Contact
 from cylconn_ros.identification.forces.cubics import (
     TERMS,
     fit_cubics,
@@ -45,7 +46,7 @@ class Windows:
     Attributes
     ----------
         time: (n,) s.
-        wrench: (n, 6) f1f f2 f3 m1f m2 m3; N, N.m.
+        wrench: (n, 6) f1f f2 f3 m1f m2 m3, moments about the middle of the contact; N, N.m.
         covariance: (n, 6, 6) of ``wrench``.
         rates: (n, 2) slide m/s, spin rad/s.
         places: (n, 2) slide m, angle rad.
@@ -54,6 +55,7 @@ class Windows:
         segment: (n,) index of the segment.
         intervals: (n,) number of intervals in the window.
         rejected: number of windows rejected because the motion in them is not smooth.
+        contact: of shaft and sleeve, how it changes with the slide.
     """
 
     time: Array
@@ -66,6 +68,7 @@ class Windows:
     segment: NDArray[np.intp]
     intervals: NDArray[np.intp]
     rejected: int
+    contact: Contact = CONSTANT
 
     def __len__(self) -> int:
         return len(self.time)
@@ -75,7 +78,9 @@ class Windows:
         return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
 
-_ARRAYS = tuple(field.name for field in dataclasses.fields(Windows) if field.name != "rejected")
+_ARRAYS = tuple(
+    field.name for field in dataclasses.fields(Windows) if field.name not in ("rejected", "contact")
+)
 
 
 def cut_windows(measured: Intervals, segments: list[Segment]) -> Windows:
@@ -85,7 +90,16 @@ def cut_windows(measured: Intervals, segments: list[Segment]) -> Windows:
     for number, segment in enumerate(segments):
         for part in split_segment(segment):
             parts.append(_windows_of(measured, part, number, largest))
-    return _concatenate(parts)
+    found, contact = _concatenate(parts), measured.contact
+    if not contact.changes:
+        return found
+    lengths = found.places[:, 0]
+    return dataclasses.replace(
+        found,
+        wrench=contact.about_middle(found.wrench, lengths),
+        covariance=contact.covariance(found.covariance, lengths),
+        contact=contact,
+    )
 
 
 def _concatenate(parts: list[Windows]) -> Windows:

@@ -12,11 +12,13 @@ a load that does not change beyond its noise explains nothing, whatever the nois
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.identification.forces.windows import Windows
+from cylconn_ros.identification.likelihood import windows_kernel
 
 Array = NDArray[np.float64]
 
@@ -121,6 +123,41 @@ class Calibrated:
             shared=gain @ both,
             changes=np.sqrt(np.maximum(np.diag(true), 0.0)),
         )
+
+    def bending(self, first: float) -> Array:
+        """Return 2/L (n,), 1/m, if it is ``first`` at the slide at which the overlap is L0."""
+        return self.windows.contact.bending(first, self.windows.places[:, 0])
+
+    def bendings(self, first: float) -> tuple[Array, Array]:
+        """Return 2/L (n,) and its derivatives (n,) by ``first``."""
+        slope = self.windows.contact.slope(first, self.windows.places[:, 0])
+        return self.bending(first), slope
+
+    def normal(self, bending: float, preload: float) -> Array:
+        """Return FN (n,), N, of a law with ``bending`` 2/L0; not its absolute value."""
+        return np.asarray(self.loads[:, 0] + self.bending(bending) * self.loads[:, 1] + preload)
+
+    @functools.cached_property
+    def table(self) -> Array:
+        """The windows as a table (n, COLUMNS) of windows_kernel.py."""
+        w, found = self.windows, np.empty((len(self), windows_kernel.COLUMNS))
+        upper = ([0, 0, 1], [0, 1, 1])
+        for at, part in (
+            (windows_kernel.V, w.rates), (windows_kernel.FR, self.loads),
+            (windows_kernel.F1, self.force), (windows_kernel.OWN, self.own[:, upper[0], upper[1]]),
+            (windows_kernel.REST, self.rest[:, upper[0], upper[1]]),
+            (windows_kernel.SHARED, self.shared.reshape(-1, 4)),
+            (windows_kernel.NOISE, w.rate_noise),
+        ):  # fmt: skip
+            found[:, at : at + part.shape[1]] = part
+        return found
+
+    @functools.cached_property
+    def sizes(self) -> tuple[float, float, float, float]:
+        """Mean Fr and Mbend, and root mean squares of the rates."""
+        radial, moment = self.loads.mean(axis=0)
+        slide, spin = np.sqrt(np.square(self.windows.rates).mean(axis=0))
+        return float(radial), float(moment), float(slide), float(spin)
 
     def take(self, rows: NDArray) -> Calibrated:
         """Return the windows ``rows`` (indices or a mask)."""

@@ -22,7 +22,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.core.jit import COMPILED
 from cylconn_ros.errors import IdentifyError
+from cylconn_ros.identification.likelihood import windows_kernel
 from cylconn_ros.identification.likelihood.contact_loads import Calibrated
 from cylconn_ros.identification.likelihood.law import (
     DECAY,
@@ -43,7 +45,7 @@ Array = NDArray[np.float64]
 FLOOR = 1e-3  # of the median traction: least standard deviation of a residual
 SECOND_ORDER = 1e-4  # of the traction: error of a window's forces by the finite sample period
 MAX_ITERATIONS = 60
-CONVERGED = 1e-9  # step, in units of parameter_scales
+CONVERGED = 1e-6  # step, in units of parameter_scales
 LEAST_NORMAL = 0.05  # of the mean load: smallest FN that a law may have in a window
 LARGEST_STEP = 0.7  # in units of parameter_scales
 
@@ -84,41 +86,62 @@ def factors(data: Calibrated, law: FrictionLaw) -> tuple[Array, Array]:
 
     The first component of V^-1/2 e is along the slip direction, the second one across.
     """
-    w = data.windows
-    size, cos, sin = slip(w.rates, law.radius)
+    w, own, radius = data.windows, data.own, law.radius
+    size, cos, sin = slip(w.rates, radius)
     ratio = law.ratio(w.rates)
-    turn = np.zeros((len(w), 2, 2))  # to (along, across) in N
-    turn[:, 0, 0], turn[:, 0, 1] = cos, sin / law.radius
-    turn[:, 1, 0], turn[:, 1, 1] = -sin, cos / law.radius
-    v = turn @ data.own @ turn.transpose(0, 2, 1)
-    loads = np.array([1.0, law.bending])
+    # Covariance of the force turned to (along, across), N. Written out: it is the innermost loop.
+    c1, s1, c2, s2 = cos, sin / radius, cos / radius, sin
+    v00, v01, v11 = own[:, 0, 0], own[:, 0, 1], own[:, 1, 1]
+    along = c1 * c1 * v00 + s1 * (2.0 * c1 * v01 + s1 * v11)
+    both = -c1 * s2 * v00 + (c1 * c2 - s1 * s2) * v01 + s1 * c2 * v11
+    across = s2 * s2 * v00 + c2 * (-2.0 * s2 * v01 + c2 * v11)
+    bending = data.bending(law.bending)
     # e = force - friction, friction = -ratio (1, 2/L) loads along: de/dloads = +ratio (1, 2/L).
-    v[:, 0, 0] += ratio**2 * (data.rest @ loads @ loads)
-    cross = ratio[:, None] * np.einsum("nlf,l,nkf->nk", data.shared, loads, turn)
-    v[:, 0, 0] += 2.0 * cross[:, 0]
-    v[:, 0, 1] += cross[:, 1]
-    v[:, 1, 0] += cross[:, 1]
-    limit = ratio * (data.loads @ loads + law.preload)
-    spread = w.rate_noise * [1.0, law.radius]
-    v[:, 1, 1] += np.square(limit / size) * (
-        np.square(sin * spread[:, 0]) + np.square(cos * spread[:, 1])
-    )
-    floor = (FLOOR * float(np.median(np.abs(limit)))) ** 2 + 1e-300
-    v[:, 0, 0] = np.maximum(v[:, 0, 0], 0.0) + floor
-    v[:, 1, 1] = np.maximum(v[:, 1, 1], 0.0) + floor
-    a = np.sqrt(v[:, 0, 0])
-    b = v[:, 1, 0] / a
-    c = np.sqrt(np.maximum(v[:, 1, 1] - b * b, 1e-6 * v[:, 1, 1]))
-    inverse = np.zeros_like(v)
-    inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 1, 0] = 1.0 / a, 1.0 / c, -b / (a * c)
-    return inverse @ turn, 2.0 * (np.log(a) + np.log(c))
+    rest, shared = data.rest, data.shared
+    load = rest[:, 0, 0] + bending * (2.0 * rest[:, 0, 1] + bending * rest[:, 1, 1])
+    slide = ratio * (shared[:, 0, 0] + bending * shared[:, 1, 0])
+    spin = ratio * (shared[:, 0, 1] + bending * shared[:, 1, 1])
+    along = along + ratio * ratio * load + 2.0 * (c1 * slide + s1 * spin)
+    both = both + c2 * spin - s2 * slide
+    limit = ratio * (data.loads[:, 0] + bending * data.loads[:, 1] + law.preload)
+    spread = np.square(sin * w.rate_noise[:, 0]) + np.square(cos * radius * w.rate_noise[:, 1])
+    across = across + np.square(limit / size) * spread
+    floor = _least_variance(limit)
+    across = np.maximum(across, 0.0) + floor
+    a = np.sqrt(np.maximum(along, 0.0) + floor)
+    b = both / a
+    c = np.sqrt(np.maximum(across - b * b, 1e-6 * across))
+    inverse = np.empty((len(w), 2, 2))
+    inverse[:, 0, 0], inverse[:, 0, 1] = c1 / a, s1 / a
+    back = b / a
+    inverse[:, 1, 0], inverse[:, 1, 1] = (-s2 - back * c1) / c, (c2 - back * s1) / c
+    return inverse, 2.0 * (np.log(a) + np.log(c))
+
+
+def friction_of(data: Calibrated, law: FrictionLaw) -> Array:
+    """Return (f1f, m1f) (n, 2) of ``law`` in the windows."""
+    return friction(law, data.windows.rates, data.loads, data.bending(law.bending))
+
+
+def slopes_of(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:
+    """Return the derivatives (n, 2, len(free)) of ``friction_of`` by the fitted vector."""
+    bendings = data.bendings(law.bending)
+    return slopes(law, data.windows.rates, data.loads, bendings, list(free))
 
 
 def weighted_residuals(data: Calibrated, law: FrictionLaw, weights: Array | None = None) -> Array:
     """Return V^-1/2 e (n, 2) of ``law``."""
     inverse = factors(data, law)[0] if weights is None else weights
-    e = data.force - friction(law, data.windows.rates, data.loads)
-    return np.asarray(np.einsum("nij,nj->ni", inverse, e))
+    e = data.force - friction_of(data, law)
+    return _product(inverse, e)
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    """Return the products (n, 2) of matrices (n, 2, 2) and vectors (n, 2)."""
+    found = np.empty_like(vectors)
+    found[:, 0] = matrices[:, 0, 0] * vectors[:, 0] + matrices[:, 0, 1] * vectors[:, 1]
+    found[:, 1] = matrices[:, 1, 0] * vectors[:, 0] + matrices[:, 1, 1] * vectors[:, 1]
+    return found
 
 
 def cost(data: Calibrated, law: FrictionLaw) -> float:
@@ -148,20 +171,18 @@ def fit_law(
     Raises IdentifyError if the traction does not oppose the slip.
     """
     chosen = list(free)
-    law, rates = start, data.windows.rates
+    law = start
     for _ in range(iterations):
         scale = parameter_scales(data, law)[chosen]
-        inverse, _ = factors(data, law)
-        r = weighted_residuals(data, law, inverse)
-        j = -np.einsum("nij,njk->nik", inverse, slopes(law, rates, data.loads, chosen)) * scale
-        step = _solve(j.reshape(-1, len(chosen)), -r.ravel())
+        inverse, r, j = _linearised(data, law, chosen, scale)
+        step = _solve(j, -r)
         step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-        before = float(np.square(r).sum())
+        before = float(r @ r)
         for _ in range(8):
             x = law.vector
             x[chosen] += step * scale
             tried = _bounded(data, law_from_vector(x), chosen)
-            if float(np.square(weighted_residuals(data, tried, inverse)).sum()) <= before:
+            if _square(data, tried, inverse) <= before:
                 break
             step = 0.5 * step
         moved = np.abs((tried.vector - law.vector)[chosen] / scale).max(initial=0.0)
@@ -169,6 +190,42 @@ def fit_law(
         if moved < CONVERGED:
             break
     return _finished(data, law, chosen)
+
+
+def _linearised(
+    data: Calibrated, law: FrictionLaw, chosen: list[int], scale: Array
+) -> tuple[Array, Array, Array]:
+    """Return weights, residuals (2 n,) and their derivatives (2 n, k) by the scaled parameters."""
+    n = len(data)
+    if not COMPILED:
+        inverse, _ = factors(data, law)
+        r = weighted_residuals(data, law, inverse)
+        j = -np.einsum("nij,njk->nik", inverse, slopes_of(data, law, chosen)) * scale
+        return inverse, r.ravel(), j.reshape(-1, len(chosen))
+    table, values = data.table, law.values
+    bending, slope = data.bendings(law.bending)
+    limit, weights = np.empty(n), np.empty((n, 4))
+    residuals, jacobian = np.empty(2 * n), np.empty((2 * n, len(chosen)))
+    windows_kernel.limits(table, bending, values, limit)
+    windows_kernel.evaluate(
+        table, bending, slope, values, _least_variance(limit), np.array(chosen, np.int64), scale,
+        weights, residuals, jacobian,
+    )  # fmt: skip
+    return weights, residuals, jacobian
+
+
+def _square(data: Calibrated, law: FrictionLaw, weights: Array) -> float:
+    """Return the sum of the squared residuals with the weights of ``_linearised``."""
+    if not COMPILED:
+        return float(np.square(weighted_residuals(data, law, weights)).sum())
+    bending = data.bending(law.bending)
+    return float(windows_kernel.squares(data.table, bending, law.values, weights))
+
+
+def _least_variance(limits: Array) -> float:
+    """Return the least variance of a residual along and across the slip, N^2."""
+    middle = len(limits) // 2
+    return float((FLOOR * float(np.partition(np.abs(limits), middle)[middle])) ** 2 + 1e-300)
 
 
 def _solve(j: Array, r: Array) -> Array:
@@ -179,7 +236,7 @@ def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionL
     """Return the law, with a preload that keeps FN away from zero in every window."""
     changed = {}
     if PRELOAD in chosen:
-        contact = data.loads @ [1.0, law.bending]
+        contact = data.normal(law.bending, 0.0)
         least = LEAST_NORMAL * float(np.abs(contact).mean()) - float(contact.min())
         if law.preload < least:
             changed["preload"] = least
@@ -195,7 +252,7 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
     scale = parameter_scales(data, law)[chosen]
     inverse, _ = factors(data, law)
     r = weighted_residuals(data, law, inverse)
-    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    derivative = slopes_of(data, law, chosen)
     j = -np.einsum("nij,njk->nik", inverse, derivative) * scale
     bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-14)
     covariance = sandwich_covariance(j, r, bread)
@@ -218,10 +275,10 @@ def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticF
 
 def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
     """Return the changes (10,) of the vector that change the limit by 100 %, to first order."""
-    radial, moment = (float(x) for x in data.loads.mean(axis=0))
-    force = max(radial + law.bending * moment + max(law.preload, 0.0), 1e-12)
+    radial, moment, rate, spin = data.sizes
+    bending = float(data.bending(law.bending).mean())
+    force = max(radial + bending * moment + max(law.preload, 0.0), 1e-12)
     limit = force * law.coefficient
-    rate, spin = np.sqrt(np.square(data.windows.rates).mean(axis=0))
     scales = np.ones(len(law.vector))
     scales[PRELOAD] = force
     scales[OVERLAP] = force / max(moment, 1e-12 * force)
@@ -235,8 +292,8 @@ def sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
     """Return the HC3 covariance of a least-squares estimate, with blocks of two rows per window."""
     leverage = np.einsum("nia,ab,njb->nij", jacobian, bread, jacobian)
     left = np.linalg.solve(np.eye(2) * (1.0 + 1e-9) - leverage, r[:, :, None])[:, :, 0]
-    scores = np.einsum("nia,ni->na", jacobian, left)
-    return np.asarray(bread @ (scores.T @ scores) @ bread)
+    errors = np.einsum("nia,ni->na", jacobian, left) @ bread  # squared as a whole: no variance < 0
+    return np.asarray(errors.T @ errors)
 
 
 def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:
@@ -246,7 +303,7 @@ def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]
     """
     chosen = list(free)
     inverse, _ = factors(data, law)
-    derivative = slopes(law, data.windows.rates, data.loads, chosen)
+    derivative = slopes_of(data, law, chosen)
     j = np.einsum("nij,njk->nik", inverse, derivative) * parameter_scales(data, law)[chosen]
     _, sizes, vt = np.linalg.svd(j.reshape(-1, len(chosen)), full_matrices=False)
     sizes = np.maximum(sizes, 1e-9 * sizes.max(initial=1e-300))
@@ -256,7 +313,7 @@ def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]
 def unexplained(data: Calibrated, law: FrictionLaw, free: Sequence[int], k: int) -> float:
     """Return the share of the effect of parameter ``k`` that parameters ``free`` cannot imitate."""
     inverse, _ = factors(data, law)
-    derivative = slopes(law, data.windows.rates, data.loads, [*free, k])
+    derivative = slopes_of(data, law, [*free, k])
     j = np.einsum("nij,njk->nik", inverse, derivative).reshape(-1, len(free) + 1)
     j = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     rest = j[:, -1] - j[:, :-1] @ _solve(j[:, :-1], j[:, -1])

@@ -14,8 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.identification.likelihood.contact_loads import Calibrated
-from cylconn_ros.identification.likelihood.kinetic import KineticFit, factors
-from cylconn_ros.identification.likelihood.law import friction, slip
+from cylconn_ros.identification.likelihood.kinetic import (
+    KineticFit,
+    factors,
+    friction_of,
+)
+from cylconn_ros.identification.likelihood.law import slip
 
 Array = NDArray[np.float64]
 
@@ -66,7 +70,7 @@ def quantities(data: Calibrated, fitted: KineticFit) -> dict[str, Array]:
         "slip rate [m/s]": size,
         "slide [m/s]": w.rates[:, 0],
         "direction of slip [rad]": np.arctan2(sin, cos),
-        "normal force [N]": data.loads @ [1.0, law.bending] + law.preload,
+        "normal force [N]": data.normal(law.bending, law.preload),
         "place in the slot [m]": w.places[:, 0],
         "angle [rad]": w.places[:, 1],
         "time [s]": w.time,
@@ -76,7 +80,7 @@ def quantities(data: Calibrated, fitted: KineticFit) -> dict[str, Array]:
 def residuals_of(data: Calibrated, fitted: KineticFit) -> Residuals:
     """Return the residuals of a fit in newtons; moments are divided by R."""
     law = fitted.law
-    force = (data.force - friction(law, data.windows.rates, data.loads)) / [1.0, law.radius]
+    force = (data.force - friction_of(data, law)) / [1.0, law.radius]
     _, cos, sin = slip(data.windows.rates, law.radius)
     return Residuals(
         cos * force[:, 0] + sin * force[:, 1],
@@ -155,7 +159,7 @@ def unexplained_spread(data: Calibrated, fitted: KineticFit) -> str:
     loads are calibrated, is the whole noise.
     """
     law = fitted.law
-    e = (data.force - friction(law, data.windows.rates, data.loads)) / [1.0, law.radius]
+    e = (data.force - friction_of(data, law)) / [1.0, law.radius]
     usual = float(np.median(np.hypot(data.force[:, 0], data.force[:, 1] / law.radius)))
     share = float(np.sqrt(np.median(np.square(e).sum(axis=1)))) / max(usual, 1e-300)
     if fitted.misfit < MAX_MISFIT or share < MAX_SPREAD:
@@ -164,8 +168,8 @@ def unexplained_spread(data: Calibrated, fitted: KineticFit) -> str:
         f"residuals are {100.0 * share:.0f} % of the traction and {np.sqrt(fitted.misfit):.1f} "
         f"times the noise that neighbouring samples show (expected 1, at most "
         f"{np.sqrt(MAX_MISFIT):.1f}): either twists are smoothed, or friction varies in a way that "
-        "no term describes; record unfiltered twists, and repeat the motion to see whether the "
-        "residuals repeat"
+        "no term describes; record unfiltered twists or take them from the poses (--bandwidth 50), "
+        "and repeat the motion to see whether the residuals repeat"
     )
 
 

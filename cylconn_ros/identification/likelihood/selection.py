@@ -47,6 +47,7 @@ from cylconn_ros.identification.likelihood.law import (
 
 MAX_PREDICTED_DEVIATION = 0.25  # of a parameter's effect on the limit; above: not excited
 MIN_GAIN = 2.0  # of the criterion
+DEMANDED = 10.0  # gain of a term that no model can lack
 MIN_DEVIATIONS = 2.5  # standard deviations of a term that enters
 ENOUGH = 1.5  # misfit up to which terms are added one by one only
 SAME = 3.0  # difference of the criterion below which two models describe the data equally well
@@ -72,6 +73,7 @@ class Choice(NamedTuple):
     alternatives: dict[str, str]  # terms that are in, with the one that would do as well
     held: dict[str, str]  # preload, overlap or radius, with the reason why they are not estimated
     steps: tuple[tuple[tuple[str, ...], KineticFit], ...]  # terms and fit, from Coulomb to the last
+    undetermined: str  # the term that the data demand most and do not determine, in words
 
 
 def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list[int]) -> Choice:
@@ -82,17 +84,17 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
     fitted, held = fit_excited(data, loads, start, free)
     terms: list[str] = []
     reasons: dict[str, str] = {}
+    gains: dict[str, float] = {}
     steps: list[tuple[tuple[str, ...], KineticFit]] = [((), fitted)]
     while True:
         best: tuple[float, str, KineticFit] | None = None
         for name in TERMS:
             if name in terms:
                 continue
-            tried, reasons[name] = _with_term(data, fitted, name)
-            if tried is not None:
-                gain = criterion(fitted, len(data)) - criterion(tried, len(data))
-                if gain > MIN_GAIN and (best is None or gain > best[0]):
-                    best = (gain, name, tried)
+            tried, reasons[name], gains[name] = _with_term(data, fitted, name)
+            gain = gains[name]
+            if tried is not None and gain > MIN_GAIN and (best is None or gain > best[0]):
+                best = (gain, name, tried)
         if best is None:
             break
         _, name, fitted = best
@@ -106,9 +108,16 @@ def choose(data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list
         fitted, terms = _pruned(data, freed, terms, terms, reasons)
     if fitted is not steps[-1][1]:
         steps.append((tuple(terms), fitted))
+        gains = {n: _with_term(data, fitted, n)[2] for n in TERMS if n not in terms}
     alternatives = _alternatives(data, fitted, terms)
     left = {name: reasons[name] for name in TERMS if name not in terms}
-    return Choice(fitted, tuple(terms), left, alternatives, held, tuple(steps))
+    most = max(left, key=lambda name: gains.get(name, 0.0), default="")
+    undetermined = ""
+    if most and (gain := gains.get(most, 0.0)) > DEMANDED:
+        undetermined = (
+            f"the recording demands {most} (criterion {-gain:+.1f}), not determined by it"
+        )
+    return Choice(fitted, tuple(terms), left, alternatives, held, tuple(steps), undetermined)
 
 
 def criterion(fitted: KineticFit, n: int) -> float:
@@ -167,21 +176,27 @@ def _wide(data: Calibrated, fitted: KineticFit) -> bool:
     return not bool((np.sqrt(np.diag(fitted.covariance)) <= allowed).all())
 
 
-def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[KineticFit | None, str]:
-    """Fit with one more term; None and the reason if the motion does not determine it."""
+def _with_term(
+    data: Calibrated, fitted: KineticFit, name: str
+) -> tuple[KineticFit | None, str, float]:
+    """Fit with one more term; None and the reason if the motion does not determine it.
+
+    Also what the criterion gains by it; 0 if it was not fitted.
+    """
     law, free = fitted.law, list(fitted.free)
     at = TERMS[name]
     if reason := _excitation(data, law, name):
-        return None, reason
+        return None, reason, 0.0
     if name != "Stribeck decay":
         if unexplained(data, law, free, at[0]) < MIN_UNEXPLAINED:
-            return None, "not excited: the terms in the model have the same effect in this motion"
+            reason = "not excited: the terms in the model have the same effect in this motion"
+            return None, reason, 0.0
         worst = predicted_deviations(data, law, [*free, at[0]])
         if (worst > 2.0 * MAX_PREDICTED_DEVIATION).any():
-            return None, "not excited: the motion does not separate it from the others"
+            return None, "not excited: the motion does not separate it from the others", 0.0
     best = _best_fit(data, _starts(data, law, [name]), sorted([*free, *at]))
     if best is None:
-        return None, "no fit"
+        return None, "no fit", 0.0
     gain = criterion(fitted, len(data)) - criterion(best, len(data))
     if name == "Stribeck decay" and gain > -SAME:
         best = fit_law(data, best.law, best.free)
@@ -189,10 +204,10 @@ def _with_term(data: Calibrated, fitted: KineticFit, name: str) -> tuple[Kinetic
     main = best.law.vector[at[0]]
     text = _not_needed(best, name, gain)
     if abs(main) < MIN_DEVIATIONS * best.deviation(at[0]):
-        return None, text
+        return None, text, gain
     if _wide(data, best) or (name == "Stribeck decay" and not -0.95 < main < 10.0):
-        return None, "not excited: the motion does not separate it from the others"
-    return best, text
+        return None, "not excited: the motion does not separate it from the others", gain
+    return best, text, gain
 
 
 def _pruned(
@@ -287,7 +302,7 @@ def _alternatives(data: Calibrated, fitted: KineticFit, terms: list[str]) -> dic
             if _same_effect(data, fitted, less, other):
                 found[name] = other
                 continue
-            tried, _ = _with_term(data, less, other)
+            tried, _, _ = _with_term(data, less, other)
             if tried is None:
                 continue
             if criterion(tried, len(data)) - criterion(fitted, len(data)) < SAME:
@@ -320,7 +335,7 @@ def fit_excited(
         free = [j for j in free if j != OVERLAP]
     # A first estimate of the coefficient, for the predicted deviations.
     traction = np.hypot(data.force[:, 0], data.force[:, 1] / start.radius)
-    normal = start.normal(data.loads[:, 0], data.loads[:, 1])
+    normal = np.abs(data.normal(start.bending, start.preload))
     guess = float(traction.mean() / max(normal.mean(), 1e-300))
     law = dataclasses.replace(start, coefficient=min(max(guess, 1e-3), 10.0))
     while True:
