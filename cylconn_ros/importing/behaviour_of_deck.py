@@ -22,6 +22,7 @@ def put(draft: Draft, blocks: Sequence[Block], name: str, scale: Units) -> None:
     if start is None:
         raise ModelError(f"*CONNECTOR BEHAVIOR, NAME={name}: not in the deck")
     blocks[start].used = True
+    beyond = blocks[start].name("EXTRAPOLATION") or "CONSTANT"
     for k in range(start + 1, len(blocks)):
         block = blocks[k]
         if block.keyword == "FRICTION" and blocks[k - 1].keyword == "CONNECTOR FRICTION":
@@ -30,10 +31,11 @@ def put(draft: Draft, blocks: Sequence[Block], name: str, scale: Units) -> None:
             continue
         if not block.keyword.startswith("CONNECTOR ") or block.keyword == "CONNECTOR BEHAVIOR":
             break
-        _part(draft, block, scale)
+        _part(draft, block, scale, block.name("EXTRAPOLATION") or beyond)
 
 
-def _part(draft: Draft, block: Block, scale: Units) -> None:
+def _part(draft: Draft, block: Block, scale: Units, beyond: str) -> None:
+    """Take over one keyword; ``beyond``: the extrapolation of its tables."""
     component = int(block.parameters.get("COMPONENT", "0") or 0)
     slides = component == SLIDE
     kind = block.keyword.removeprefix("CONNECTOR ")
@@ -62,7 +64,12 @@ def _part(draft: Draft, block: Block, scale: Units) -> None:
         plain = not {"NONLINEAR", "RIGID", "TYPE"} & set(block.parameters)
         elastic = kind == "ELASTICITY"
         if "NONLINEAR" in block.parameters:
-            _table(draft, block, elastic, slides, effort, unit / (1.0 if elastic else scale.time))
+            group = (
+                f"{'elasticity' if elastic else 'damping'}.{'' if slides else 'rotational_'}table"
+            )
+            time = 1.0 if elastic else scale.time
+            if _table(draft, block, group, effort, unit / time) and beyond == "LINEAR":
+                draft.put(f"{group}.extrapolation", "linear")
             return
         if not plain or len(block.data) != 1:
             return
@@ -82,18 +89,20 @@ def _part(draft: Draft, block: Block, scale: Units) -> None:
         _lock(draft, block, slides, unit, effort)
 
 
-def _table(
-    draft: Draft, block: Block, elastic: bool, slides: bool, effort: float, unit: float
-) -> None:
-    """Nonlinear elasticity or damping: a force and a position, or a rate, in each line."""
+def _table(draft: Draft, block: Block, group: str, effort: float, unit: float) -> bool:
+    """Nonlinear elasticity or damping: a force and a position, or a rate, in each line.
+
+    Whether it could be taken over.
+    """
     rows = [block.numbers(k)[:2] for k in range(len(block.data))]
     if not 2 <= len(rows) <= MOST_POINTS or any(len(row) < 2 for row in rows):
-        return
-    group = f"{'elasticity' if elastic else 'damping'}.{'' if slides else 'rotational_'}table"
-    points = ("positions" if slides else "angles") if elastic else "rates"
-    draft.put(f"{group}.{points}", [x * unit for _, x in rows])
-    draft.put(f"{group}.{'forces' if slides else 'moments'}", [force * effort for force, _ in rows])
+        return False
+    turns = group.endswith("rotational_table")
+    at = "rates" if group.startswith("damping") else "angles" if turns else "positions"
+    draft.put(f"{group}.{at}", [x * unit for _, x in rows])
+    draft.put(f"{group}.{'moments' if turns else 'forces'}", [force * effort for force, _ in rows])
     block.used = True
+    return True
 
 
 def _lock(draft: Draft, block: Block, slides: bool, unit: float, effort: float) -> None:

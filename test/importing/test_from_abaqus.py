@@ -91,6 +91,18 @@ def test_tables_of_nonlinear_elasticity_and_damping(tmp_path: Path) -> None:
     assert scene.damping.table.rates == pytest.approx((0.0, 0.1))
     assert scene.damping.table.forces == pytest.approx((0.0, 5.0))
     assert scene.elasticity.k1 == 0.0
+    assert scene.elasticity.table.extrapolation == "constant"
+
+
+@pytest.mark.parametrize("of", ["CONNECTOR ELASTICITY", "CONNECTOR BEHAVIOR"])
+def test_the_extrapolation_of_tables(tmp_path: Path, of: str) -> None:
+    """Of the keyword, else of the behaviour; constant if neither says it."""
+    path = tmp_path / "strut.inp"
+    deck = DECK.replace("COMPONENT=1\n5.\n", "COMPONENT=1, NONLINEAR\n-9., -3.\n0., 0.\n4., 2.\n")
+    path.write_text(deck.replace(f"*{of},", f"*{of}, EXTRAPOLATION=LINEAR,"))
+    scene = from_abaqus.draft_of(path, "strut", "mm-t-s").scene()
+    assert scene is not None
+    assert scene.elasticity.table.extrapolation == "linear"
 
 
 @pytest.mark.parametrize(
