@@ -112,7 +112,7 @@ def test_earlier_stamps_begin_a_history_but_a_zero_wrench_does_not():
 
 
 def test_diagnostics_report_scaled_wrenches_and_latency():
-    loop = Loop(make(limits__force=1.0, latency=2))
+    loop = Loop(make(limits__force=1e-3, latency=2))
     for _ in range(10):
         loop.step()
     monitor = Monitor("connector")
