@@ -124,7 +124,7 @@ def _process(
             "model": replay.pipeline.connector.model,
             "parameters": parameter_file.dump(replay.scene),
             "connectors": json.dumps({multiple.ONE: {"topics": {**replay.inputs, **replay.names}}}),
-            "replayed": f"from {replay.bag.path.name}",
+            **replay.provenance(),
         }
         writer = RunWriter(output, replay.topics(), texts, replay.scene.record.compression)
     try:

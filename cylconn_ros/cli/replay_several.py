@@ -81,7 +81,13 @@ def _process(
     """Process the recording; write and compare the outputs as requested."""
     writer = None
     if options.output is not None:
-        texts = {**replay.bag.metadata, "replayed": f"from {replay.bag.path.name}"}
+        members = replay.members
+        texts = {
+            **replay.bag.metadata,
+            "parameters": parameter_file.dump_several({n: m.scene for n, m in members.items()}),
+        }
+        for member in members.values():
+            texts |= member.provenance()
         compression = next(iter(replay.members.values())).scene.record.compression
         writer = RunWriter(options.output, replay.topics(), texts, compression)
     inputs = replay.input_topics

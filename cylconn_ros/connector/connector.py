@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 _IN_FLIGHT = (
     slice(model.SENT_WRENCHES, model.LEAST_BALANCE),
-    slice(model.REFUTED, model.CONFIRMED + 1),
+    slice(model.REFUTED, model.CONTRARY + 1),
 )
 """Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
 _OF_PRELOAD = (

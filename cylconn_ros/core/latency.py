@@ -215,7 +215,9 @@ def _measure_latency(
         mem[model.STALLED] = 0.0
         forget(mem, needed, periods)
         return
-    if find_stall(par, mem, needed, periods, weights, resolution):
+    # stalls change the stored wrenches, with which a declared latency predicts
+    in_use = is_measured(par, mem)
+    if in_use and find_stall(par, mem, needed, periods, weights, resolution):
         keep_needed(mem, needed, periods)
         update_gain(mem)
         return
@@ -240,20 +242,29 @@ def _measure_latency(
 
 @inline_function
 def _check_declared(par: Array, mem: Array) -> None:
-    """Take the measured latency while it refutes the declared one, which may be confirmed later."""
-    if par[model.LATENCY] == 0.0:
+    """Take the measured latency while it refutes the declared one, which may be confirmed later.
+
+    Until a wrench has been seen to act, the measured latency is a lower bound that rises by one
+    with each interval.
+    """
+    declared, at_once = par[model.LATENCY], mem[model.LOCK_STEP] > 0.0
+    if declared == 0.0 or mem[model.LAST_INTERVAL] == 0.0:
         return
-    if mem[model.LAST_INTERVAL] == 0.0 or (mem[model.DELAYED] == 0.0 and not is_lock_step(mem)):
+    if not at_once and mem[model.DELAYED] == 0.0 and mem[model.FIT_CHANGE] == 0.0:
+        return  # nothing is known
+    refutes = abs(mem[model.MEASURED_LATENCY] - declared) > REFUTED
+    if refutes == (mem[model.REFUTED] != 0.0):
+        mem[model.CONTRARY] = 0.0
         return
-    if abs(mem[model.MEASURED_LATENCY] - par[model.LATENCY]) > REFUTED:
-        if mem[model.REFUTED] == 0.0:
-            reset_stick_position(mem)
-        mem[model.REFUTED], mem[model.CONFIRMED] = 1.0, 0.0
-    elif mem[model.REFUTED] != 0.0:
-        mem[model.CONFIRMED] += 1.0
-        if mem[model.CONFIRMED] >= CONFIRMING:
-            mem[model.REFUTED] = 0.0
-            reset_stick_position(mem)
+    mem[model.CONTRARY] += 1.0
+    wanted = 1.0
+    if not refutes:
+        wanted = CONFIRMING
+    elif not at_once and mem[model.MEASURED_LATENCY] < declared:
+        wanted = declared + 1.0
+    if mem[model.CONTRARY] >= wanted:
+        mem[model.REFUTED], mem[model.CONTRARY] = 1.0 if refutes else 0.0, 0.0
+        reset_stick_position(mem)
 
 
 @inline_function

@@ -145,8 +145,8 @@ UNKNOWN_LOAD: Final = AGREED + 1  # 12: mean of what was needed beside the sent 
 USUAL_LATENCY: Final = UNKNOWN_LOAD + 12  # periods, mean over the last intervals
 LATENCIES: Final = USUAL_LATENCY + 1  # intervals in it
 REFUTED: Final = LATENCIES + 1  # whether the measured latency replaces the declared one
-CONFIRMED: Final = REFUTED + 1  # intervals in succession that confirm a refuted latency
-PASSIVITY_CONTROLLER: Final = CONFIRMED + 1  # 8 x 20: of offsets, swings, slide, spin;
+CONTRARY: Final = REFUTED + 1  # intervals in succession that speak against REFUTED
+PASSIVITY_CONTROLLER: Final = CONTRARY + 1  # 8 x 20: of offsets, swings, slide, spin;
 #                             oscillations of both offsets, swings (methods/passivity_controller.py)
 END_RATES: Final = PASSIVITY_CONTROLLER + 160  # 2: rates at the end of the step about which tables
 #                             and compliant stops are linearised (free_axes/elements.py)

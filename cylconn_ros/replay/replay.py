@@ -57,8 +57,14 @@ class Counts:
     by_topic: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
+UNRELATED = "motion"
+"""Key in the metadata of a replay whose recorded motion does not follow from its wrenches."""
+
+
 def _recorded_with(bag: Bag, scene: Scene) -> bool:
-    """Whether a recording was made with the parameters of ``scene``."""
+    """Whether the motion of a recording followed from wrenches of the parameters of ``scene``."""
+    if UNRELATED in bag.metadata:
+        return False
     try:
         stored = Scene.from_parameters(parameter_file.parameters_of(bag.metadata["parameters"]))
     except (KeyError, SceneError):
@@ -76,6 +82,7 @@ class Replay:
         names, outputs: resolved topic and type of every output, by its relative name.
         input_topics: recorded topics that are inputs.
         timing: by topic, the bytes that differ in every run.
+        follows: whether the recorded motion followed from wrenches of these parameters.
         beside: outputs, by log time, of connectors that are solved together with this one.
         counts: numbers of messages so far. motion: outputs of the samples so far.
 
@@ -87,10 +94,10 @@ class Replay:
         """``renamed``: the recorded topic of an input, e.g. ``{"body_b/odom": "/robot/odom"}``."""
         self.bag, self.scene = bag, scene
         # Of other parameters the motion tells nothing about the time at which wrenches act.
-        follows = _recorded_with(bag, scene)
-        if not follows and scene.latency < 0 and latency_is_measurable(scene):
+        self.follows = _recorded_with(bag, scene)
+        if not self.follows and scene.latency < 0 and latency_is_measurable(scene):
             scene = dataclasses.replace(scene, latency=0)
-        self.pipeline = MessagePipeline(scene, check_latency=follows)
+        self.pipeline = MessagePipeline(scene, check_latency=self.follows)
         self.node = bag.metadata.get("node", NODE)
         self.inputs = _inputs(bag, self.pipeline, self.node, dict(renamed or {}))
         self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}
@@ -105,6 +112,13 @@ class Replay:
         self._wrenches = wrenches & set(bag.types) if "version" in bag.metadata else set()
         self.pipeline.matcher.expects = self._expects
         self.beside: Callable[[int], Iterator[Item]] = lambda _: iter(())
+
+    def provenance(self) -> dict[str, str]:
+        """Metadata for a recording of the replay: where it comes from."""
+        found = {"replayed": f"from {self.bag.path.name}"}
+        if not self.follows:
+            found[UNRELATED] = "does not follow from the wrenches"
+        return found
 
     def messages(self) -> Iterator[Item]:
         """Yield every recorded input and output message, and every replayed output."""

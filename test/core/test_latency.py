@@ -189,6 +189,26 @@ def test_a_refuted_latency_is_replaced_by_the_measured_one(
     assert made[0].measured_latency == pytest.approx(late, abs=0.1)
 
 
+@pytest.mark.parametrize("late", [1, 2, 5])
+@pytest.mark.parametrize("name", ["demo", "free_flight", "incline_stick", "stuck_pair"])
+def test_checking_a_true_latency_changes_no_bit(name: str, late: int) -> None:
+    scene = dataclasses.replace(short(name), tolerance=0.0)
+    runs = []
+    for checked in (False, True):
+        connector = Connector(dataclasses.replace(scene, latency=late), check_latency=checked)
+        plant, sample = Plant(scene), np.zeros(layout.NSAMPLE)
+        way: list[Array] = [np.zeros(12)] * late
+        outs = []
+        for _ in range(150):
+            sample[layout.MOTION], sample[layout.LOADS] = plant.state, plant.loads
+            outs.append(connector.step(sample).copy())
+            way.append(outs[-1][layout.FORCE_A : layout.STATE0])
+            acts = way.pop(0)
+            plant.step(acts[:6], acts[6:])
+        runs.append(np.array(outs))
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
 @pytest.mark.parametrize(("declared", "checked"), [(1, False), (0, True)])
 def test_a_declared_latency_is_kept(declared: int, checked: bool) -> None:
     """Of motion that does not follow from the wrenches; and 0, of samples as they are."""
