@@ -194,10 +194,10 @@ def _same(present: RosParameter, wanted: RosParameter) -> bool:
 
 
 def _ros_parameter(name: str, value: Value) -> RosParameter:
-    """A ROS parameter with a value of the schema; a list is one of doubles, even if it is empty."""
-    if isinstance(value, tuple):
+    """A ROS parameter with a value of the schema; an empty list is one of doubles."""
+    if isinstance(value, tuple) and not any(isinstance(item, str) for item in value):
         return RosParameter(name, RosParameter.Type.DOUBLE_ARRAY, list(value))
-    return RosParameter(name, value=value)
+    return RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
 
 
 def _to_ros(value: Value) -> Any:
