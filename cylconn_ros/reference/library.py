@@ -203,6 +203,21 @@ LIBRARY: dict[str, Case] = {
         "A suspension with bump stop and a damper firm in rebound", EVENTS, element_answers.moving
     ),
     "rubber_stops": Case("A piston between two rubber stops", EVENTS, element_answers.moving),
+    "door_closer": Case(
+        "A door closer turns a door shut, into its seal and its latch",
+        "I w' = M(angle, w) from kink to kink, DOP853 (reference/nonlinear_slide.py)",
+        element_answers.door_closer,
+    ),
+    "window_balance": Case(
+        "A sash on its spring balances stays where it comes to rest",
+        EVENTS,
+        element_answers.window_balance,
+    ),
+    "camera_slider": Case(
+        "A camera, most of it on a counterweight, creeps down a tilted slider onto a rubber stop",
+        EVENTS,
+        element_answers.camera_slider,
+    ),
     "latch": Case(
         "The slide locks when it passes the lock position",
         f"{CLOSED}: constant speed",
