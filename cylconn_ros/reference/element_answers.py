@@ -106,8 +106,6 @@ LOOK = 2.0  # s, at which the angle of the door is compared, on its way
 
 def door_closer(scene: Scene, end: float) -> list[Expected]:
     """Angle on the way, the time at which the latch falls in, and rest in the latch."""
-    from scipy.optimize import brentq
-
     f, body, turn = scene.friction, scene.body_b, turn_as_slide(scene)
     distance_of_centre = math.hypot(body.com[1], body.com[2])
     lever, weight = f.coefficient * f.radius, body.mass * abs(scene.gravity[2])
@@ -118,12 +116,12 @@ def door_closer(scene: Scene, end: float) -> list[Expected]:
     start = math.atan2(2.0 * (z * w - x * y), 1.0 - 2.0 * (x * x + z * z))
     eccentric = lever * body.mass * distance_of_centre
 
-    def at(time: float) -> Slide:
-        return slide(turn, start, 0.0, 0.0, drag, time, eccentric)
-
-    latched = brentq(lambda time: at(time).position - scene.lock.position, LOOK, end)
+    given = (turn, start, 0.0, 0.0, drag)
+    latched = slide(*given, end, eccentric, scene.lock.position).time
     return [
-        Expected("angle at 2 s", "rad", _angle_on_the_way, at(LOOK).position, 1e-8),
+        Expected(
+            "angle at 2 s", "rad", _angle_on_the_way, slide(*given, LOOK, eccentric).position, 1e-8
+        ),
         # an impact is divided over two steps; the first begins up to two periods before
         Expected("latched", "s", _locked, latched, 2e-3, 1.0),
         Expected("angle", "rad", lambda run: run["angle"][-1], scene.lock.position, 0.0, 0.0),

@@ -27,17 +27,18 @@ _REPEATS = 8  # of a contraction by mu R m d/I, some thousandths
 
 
 class Slide(NamedTuple):
-    """State of the slide at the end."""
+    """State of the slide at the end, or where it passes the position asked for."""
 
     position: float  # m, in the slot
     velocity: float
     reaction: float  # N, of the stops
     stop_time: float  # s, when it came to rest to stay; inf: it did not
+    time: float  # s, of this state
 
 
 def slide(
     scene: Scene, start: float, rate: float, push: float, drag: float, end: float,
-    eccentric: float = 0.0,
+    eccentric: float = 0.0, until: float = math.nan,
 ) -> Slide:  # fmt: skip
     """The slide of a body from ``start`` (m) and ``rate`` to the time ``end``.
 
@@ -47,6 +48,7 @@ def slide(
         drag: Coulomb friction, N.
         eccentric: of a turning body (:func:`turn_as_slide`), mu R m d: friction of the force m d
             sqrt(v^4 + a^2) that leads its mass centre around the axis, kg m.
+        until: position at which it ends, if it passes it before the time ``end``.
 
     """
     from scipy.integrate import solve_ivp
@@ -69,12 +71,13 @@ def slide(
     functions += [_passes(0, x) for x in _kinks(scene)]
     functions += [_passes(1, v) for v in (*scene.damping.table.rates, *((0.0,) if drag else ()))]
     functions += [_leaves(scene, each) for each in _sides(scene)]
+    functions += [] if math.isnan(until) else [_passes(0, until)]
     for event in functions:
         event.terminal = True  # type: ignore[attr-defined]
     t, y = 0.0, [start, rate]
     while t < end:
         if drag > 0.0 and abs(y[1]) < 1e-9 and abs(total(y[0], 0.0)) <= drag:
-            return Slide(y[0], 0.0, stop_force(scene, y[0], 0.0), t)
+            return Slide(y[0], 0.0, stop_force(scene, y[0], 0.0), t, end)
         h = min(SKIP, end - t)
         y, t = _runge_kutta(rates, t, y, h), t + h
         if t >= end:
@@ -83,7 +86,9 @@ def slide(
             rates, (t, end), y, method="DOP853", events=functions, rtol=1e-12, atol=1e-14
         )
         t, y = float(found.t[-1]), [float(each) for each in found.y[:, -1]]
-    return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf)
+        if not math.isnan(until) and len(found.t_events[-1]):
+            break
+    return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf, t)
 
 
 def turn_as_slide(scene: Scene) -> Scene:
