@@ -89,7 +89,7 @@ def telescope_of_two_stages(scenes: Scenes, _end: float) -> list[Expected]:
         low, high = (u, high) if spent < left else (low, u)
     return [
         Expected("shaft's slide", "m", _last(scenes, "inner", "displacement"), out, 0.0, 0.0),
-        # the impact begins and ends at samples: first order
+        # an impact at which another connector begins to slip is first order
         Expected("ring's slide", "m", _last(scenes, "outer", "displacement"), low, 4e-4, 1.0),
         Expected("stop", "N", _last(scenes, "inner", "force_reaction"), -pull, 0.0, 0.0),
     ]
