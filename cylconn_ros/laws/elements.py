@@ -206,7 +206,7 @@ def substituted(
             residual[row] = max(residual[row], one.residual(out[row]))
             slope = one.slope() if solved else 0.0
             tangent[row, k] += 2.0 * slope
-            # the actuation has the constant force subtracted from what is imposed
+            # of which the constant force is taken off again, as of every imposed one
             command[row, k, 2] = one.replace(clean[row], slope) + p.offset[row, k]
     without = dataclasses.replace(p, damping=tangent, command=command)
     return Substitution(without, clean, (p, out), residual, soft, ones)
@@ -236,8 +236,6 @@ class _One:
         self.x, self.w = float(o.position[row, k]), float(o.w[row, FREE[k]])
         self.u = self.x - rest
         self.linear = float(p.stiffness[row, k]), float(p.damping[row, k])
-        given = float(p.command[row, k, 2])
-        self.actuation = 0.0 if math.isnan(given) else given
         held = p.imposed[row, k] or p.lock[row] == k or np.isfinite(p.stops[row, k]).any()
         self.held = bool(held)
         self.x_size = float(o.position_size[row, k]) + abs(rest)
