@@ -16,7 +16,7 @@ from odometry_bag import odometry_bag
 from paths import BAGS
 
 from cylconn_ros.cli.main import main
-from cylconn_ros.cli.report import facts
+from cylconn_ros.cli.report import facts, sources
 from cylconn_ros.cli.summary import FIELDS, RunSummary, summarise
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.errors import RecordingError
@@ -251,6 +251,18 @@ def test_stops_of_the_spin_are_drawn_where_it_meets_them(tmp_path: Path) -> None
     assert packed.head["geometry"]["angle_stops"] == [0.0, None]
     turned = packed(packed.head["path"]["turned"])
     np.testing.assert_allclose(turned, -np.radians(80.0), rtol=1e-6)
+
+
+def test_friction_by_direction_is_among_the_sources(tmp_path: Path) -> None:
+    """Its coefficients replace the common one, which is not used."""
+    kept = tmp_path / "ram"
+    assert main(["simulate", "hydraulic_ram", "--duration", "0.01", "-o", str(kept)]) == 0
+    run = read_run(kept)
+    listed = dict(sources(run, gather.gather(run)))
+    assert "friction.coefficient" not in listed
+    assert listed["friction.coefficient_forward"] == "0.1"
+    assert listed["friction.coefficient_backward"] == "0.25"
+    assert listed["friction.offset_force"] == "15.0"
 
 
 def test_a_shared_body_a_moves_in_the_report_of_a_connector(tmp_path: Path) -> None:
