@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # the library imports the compiled physics
+    from cylconn_ros.reference.library import Comparison
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,18 @@ def against(name: str, value: float, expected: float, limit: float, unit: str) -
     error = abs(value - expected)
     text = f"{value:.6f} {unit}".rstrip() + f"  (reference {expected:.6f}, error {error:.1e})"
     return Check(name, text, f"within {limit:.1e} {unit}", error <= limit)
+
+
+def comparisons(compared: Iterable[Comparison]) -> list[Check]:
+    """A check for each quantity of a run that has a reference value."""
+    return [
+        against(each.name, each.value, each.expected, each.allowed, each.unit) for each in compared
+    ]
+
+
+def not_computed(error: ImportError) -> str:
+    """Line in place of reference values that need a package that is not installed."""
+    return f"            not computed: needs {error.name} (pip install '.[demo]')"
 
 
 def equal(name: str, value: int, expected: int) -> Check:

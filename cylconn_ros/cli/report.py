@@ -143,9 +143,7 @@ def sources(recorded: Run, found: gather.RunData, connector: str = "") -> list[t
         ("method", methods),
         ("model", recorded.metadata.get("model", "not recorded")),
     ]
-    names = ("period", "friction.coefficient", "friction.radius", "friction.overlap")
-    values = [(name, recorded.parameters.get(name)) for name in (*names, "friction.preload")]
-    listed += [(name, str(value)) for name, value in values if value is not None]
+    listed += _parameters(recorded)
     if found.start_ns > _CLOCK_NS:
         when = datetime.datetime.fromtimestamp(found.start_ns / 1e9, datetime.timezone.utc)
         listed.append(("first sample", f"{when:%Y-%m-%d %H:%M:%S} UTC"))
@@ -154,3 +152,23 @@ def sources(recorded: Run, found: gather.RunData, connector: str = "") -> list[t
     if "salvaged" in recorded.metadata:
         listed.append(("recovered", recorded.metadata["salvaged"]))
     return listed
+
+
+def _parameters(recorded: Run) -> list[tuple[str, str]]:
+    """The parameters of the run that a reader looks for first."""
+    named = recorded.parameters
+    directions = ["friction.coefficient_forward", "friction.coefficient_backward"]
+    directions = [n for n in directions if _is_set(named.get(n))]
+    # neither direction has the common coefficient if both have their own
+    common = [] if len(directions) == 2 else ["friction.coefficient"]
+    names = ["period", *common, *directions, "friction.radius", "friction.overlap"]
+    names += [
+        "friction.preload",
+        *(["friction.offset_force"] if named.get("friction.offset_force") else []),
+    ]
+    return [(name, str(named[name])) for name in names if named.get(name) is not None]
+
+
+def _is_set(value: object) -> bool:
+    """Whether a parameter that may be .nan, or missing in an older recording, has a value."""
+    return isinstance(value, int | float) and not math.isnan(value)

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from cylconn_ros.errors import CommandError, SceneError
-from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.parameter_file import parse
 from cylconn_ros.scene.resources import shipped_scenes
-from cylconn_ros.scene.scene import Scene, load, several
+from cylconn_ros.scene.scene import Scene, load
 
 bundled = shipped_scenes
 
@@ -70,15 +69,6 @@ def load_with_overrides(path: Path, options: argparse.Namespace) -> Scene:
     Raises SceneError for an unusable scene, CommandError if duration or period are missing.
     """
     return overridden(path, load(path), options)
-
-
-def load_all(path: Path) -> dict[str, Scene]:
-    """The scenes of all connectors of a file by name; "" if there is one without a name."""
-    parameters = parameter_file.load_parameters(path, "connector", "/")
-    try:
-        return several(parameter_file.scene_part(parameters))
-    except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
 
 
 def overridden(path: Path, scene: Scene, options: argparse.Namespace) -> Scene:

@@ -34,7 +34,7 @@ from cylconn_ros.errors import CommandError
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.reference import library
 from cylconn_ros.scene import multiple, parameter_file
-from cylconn_ros.scene.scene import Scene
+from cylconn_ros.scene.scene import Scene, load_all
 from cylconn_ros.simulation.simulate import Run, simulate
 
 _PICTURES = (".png", ".svg", ".pdf")
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     """Simulate, keep and draw; 1 if a sample was refused, or the run is not usable or not exact."""
     path = scenes.find(options.scene)
     _check_names(options.output, options.plot)
-    loaded = scenes.load_all(path)
+    loaded = load_all(path)
     if multiple.ONE not in loaded:
         return simulate_several.run(path, loaded, options)
     scene = scenes.overridden(path, loaded[multiple.ONE], options)
@@ -116,13 +116,11 @@ def _compare(path: Path, result: Run) -> bool:
     try:
         compared = library.compare(path.stem, result)
     except ImportError as error:
-        print(f"            not computed: needs {error.name} (pip install '.[demo]')")
+        print(checks.not_computed(error))
         return True
-    limited = TRAITS[result.connector.method].second_order
-    lines = []
-    for each in compared:
-        line = checks.against(each.name, each.value, each.expected, each.allowed, each.unit)
-        lines.append(line if limited else dataclasses.replace(line, bound="", ok=None))
+    lines = checks.comparisons(compared)
+    if not TRAITS[result.connector.method].second_order:
+        lines = [dataclasses.replace(line, bound="", ok=None) for line in lines]
     return checks.show(lines)
 
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import cylconn_ros
+from cylconn_ros.cli import checks
 from cylconn_ros.cli import scenes as scene_files
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
@@ -23,6 +24,7 @@ from cylconn_ros.connector.outputs import column
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.messages.topic_names import topic
+from cylconn_ros.reference import group_answers, library
 from cylconn_ros.scene import parameter_file, shared_bodies
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.group import GroupRun, simulate_group
@@ -43,7 +45,7 @@ class _Topic(NamedTuple):
 
 
 def run(path: Path, scenes: Mapping[str, Scene], options: argparse.Namespace) -> int:
-    """Simulate all connectors of ``path``; 1 if a sample was refused or not solved.
+    """Simulate all connectors of ``path``; 1 if a sample was refused, not solved or not exact.
 
     Raises CommandError for an output that several connectors cannot have.
     """
@@ -67,6 +69,8 @@ def run(path: Path, scenes: Mapping[str, Scene], options: argparse.Namespace) ->
     passed = True
     for together, result in runs.items():
         passed &= _show(together, result)
+    if not any(getattr(options, each) for each in ("duration", "steps", "set")):
+        passed &= _compare(path, scenes, runs)
     if options.output is not None:
         _record(runs, scenes, options.output)
         print(f"kept        {options.output}\nnext: cylconn info {options.output}")
@@ -95,6 +99,21 @@ def _show(names: Sequence[str], result: GroupRun) -> bool:
             "left to slide or spin, or offsets cannot all be met; check that the axes are parallel"
         )
     return well and not unsolved
+
+
+def _compare(
+    path: Path, scenes: Mapping[str, Scene], runs: Mapping[tuple[str, ...], GroupRun]
+) -> bool:
+    """Print the comparison with a bundled scene's reference values; False if one is missed."""
+    if scene_files.bundled().get(path.stem) != path or path.stem not in group_answers.GROUPS:
+        return True
+    print(f"reference   {group_answers.GROUPS[path.stem].source}")
+    try:
+        compared = library.compare_group(path.stem, scenes, next(iter(runs.values())))
+    except ImportError as error:
+        print(checks.not_computed(error))
+        return True
+    return checks.show(checks.comparisons(compared))
 
 
 def _messages_of(

@@ -290,8 +290,7 @@ class _One:
              (e.damper.steepest + damp) * self.w_size + e.damper.terms(rate)),
         ]  # fmt: skip
         if e.stops:
-            size = abs(f.stop) + e.push.steepest * far
-            size += e.damping * (self.w_size + abs(self.w) * e.share.steepest * far)
+            size = self.stop_size()
             if not self.held:
                 sizes.append((out[_REACTION[k]] - f.stop, size))
             bits = int(out[layout.STOP]) >> 2 * k & 3
@@ -301,13 +300,21 @@ class _One:
         value, size_of = np.array(sizes).T
         return float(np.max(ratio(value, size_of)))
 
+    def stop_size(self) -> float:
+        """Size of the terms of the stops' force."""
+        e, far = self.e, self.x_size + self.h * self.w_size
+        size = abs(self.forces.stop) + e.push.steepest * far
+        return size + e.damping * (self.w_size + abs(self.w) * e.share.steepest * far)
+
     def replace(self, out: Array, slope: float) -> float:
         """Replace the elements in one row of the outputs; the force to be imposed for them."""
         k, f = self.k, self.forces
         spring, damper = self.parts()
         out[_FIRST[k]], out[_VISCOUS[k]] = spring, damper - slope * (self.w + self.end)
         if self.e.stops:
-            out[_REACTION[k]] = out[_REACTION[k]] - f.stop if self.held else 0.0
+            left = out[_REACTION[k]] - f.stop if self.held else 0.0
+            # without a lock or motion that holds it, what is left is rounding
+            out[_REACTION[k]] = left if abs(left) > TOLERANCE * self.stop_size() else 0.0
             out[layout.STOP] = int(out[layout.STOP]) & ~(3 << 2 * k)
         friction = out[_FIRST[k] + 2]
         out[_ACTUATION[k]] = out[_TOTAL[k]] - (

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class Expected:
     Attributes
     ----------
         name, unit: of the quantity.
-        of: computes the quantity from a run.
+        of: computes the quantity from a Run, or the GroupRun of a scene of several connectors.
         value: reference value.
         tolerance: error allowed at a period of 1 ms, beyond rounding.
         order: power of the period with which the tolerance scales.
@@ -37,7 +38,7 @@ class Expected:
 
     name: str
     unit: str
-    of: Callable[[Run], float]
+    of: Callable[[Any], float]
     value: float
     tolerance: float
     order: float = 2.0

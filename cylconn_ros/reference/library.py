@@ -13,7 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cylconn_ros.reference import answers, element_answers, sleeve_answers
 from cylconn_ros.reference.answers import Expected
+from cylconn_ros.reference.group_answers import GROUPS
 from cylconn_ros.scene.scene import Scene
+from cylconn_ros.simulation.group import GroupRun
 from cylconn_ros.simulation.simulate import Run
 
 
@@ -203,6 +205,21 @@ LIBRARY: dict[str, Case] = {
         "A suspension with bump stop and a damper firm in rebound", EVENTS, element_answers.moving
     ),
     "rubber_stops": Case("A piston between two rubber stops", EVENTS, element_answers.moving),
+    "door_closer": Case(
+        "A door closer turns a door shut, into its seal and its latch",
+        "I w' = M(angle, w) from kink to kink, DOP853 (reference/nonlinear_slide.py)",
+        element_answers.door_closer,
+    ),
+    "window_balance": Case(
+        "A sash on its spring balances stays where it comes to rest",
+        EVENTS,
+        element_answers.window_balance,
+    ),
+    "camera_slider": Case(
+        "A camera, most of it on a counterweight, creeps down a tilted slider onto a rubber stop",
+        EVENTS,
+        element_answers.camera_slider,
+    ),
     "latch": Case(
         "The slide locks when it passes the lock position",
         f"{CLOSED}: constant speed",
@@ -237,7 +254,8 @@ LIBRARY: dict[str, Case] = {
         sleeve_answers.hydraulic_ram,
     ),
 }
-"""All scene files of config/ except connector.yaml, which is an example of all parameters."""
+"""All scene files of config/ but those of several connectors (reference/group_answers.py), and
+connector.yaml, which is an example of all parameters."""
 
 
 def expected(name: str, scene: Scene, end: float) -> Sequence[Expected]:
@@ -263,6 +281,18 @@ def compare(name: str, run: Run) -> list[Comparison]:
     ]
 
 
+def compare_group(name: str, scenes: Mapping[str, Scene], run: GroupRun) -> list[Comparison]:
+    """Compare a run of the scene ``name`` of several connectors with its reference values.
+
+    Raises KeyError and ImportError as :func:`expected`.
+    """
+    period = next(iter(scenes.values())).period
+    return [
+        Comparison(each.name, each.unit, float(each.of(run)), each.value, each.allowed(period))
+        for each in GROUPS[name].answer(scenes, float(run.time[-1]))
+    ]
+
+
 HEAD = """\
 # Scenes
 
@@ -278,34 +308,65 @@ written from `cylconn_ros/reference/library.py`:
 """
 
 
+GROUP_HEAD = """
+
+## Of several connectors
+
+Scenes of connectors that share a body ([Several connectors](../how_to/connectors.md)), for
+`connector` and `cylconn simulate NAME`. `plant` does not move them.
+
+| scene | motion | quantity | reference value | allowed error | order | source |
+|---|---|---|---|---|---|---|
+"""
+
+
 def lines(scenes: Mapping[str, Scene]) -> list[str]:
     """Rows of the table for the named scenes, one per quantity."""
     rows = []
     for name, scene in scenes.items():
-        case = LIBRARY[name]
-        for k, each in enumerate(expected(name, scene, scene.plant.duration)):
-            cells = (
-                *((f"`{name}`", case.title) if k == 0 else ("", "")),
-                each.name,
-                f"{each.value:.6g} {each.unit}".strip(),
-                f"{each.allowed(scene.period):.1g}",
-                f"{each.order:g}",
-                case.source if k == 0 else "",
-            )
-            rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        case, values = LIBRARY[name], expected(name, scene, scene.plant.duration)
+        rows += _rows(name, case.title, case.source, values, scene.period)
     return rows
 
 
-def table(scenes: Mapping[str, Scene]) -> str:
+def group_lines(groups: Mapping[str, Mapping[str, Scene]]) -> list[str]:
+    """The same for scenes of several connectors."""
+    rows = []
+    for name, scenes in groups.items():
+        case, one = GROUPS[name], next(iter(scenes.values()))
+        values = case.answer(scenes, one.plant.duration)
+        rows += _rows(name, case.title, case.source, values, one.period)
+    return rows
+
+
+def _rows(
+    name: str, title: str, source: str, values: Sequence[Expected], period: float
+) -> list[str]:
+    rows = []
+    for k, each in enumerate(values):
+        cells = (
+            *((f"`{name}`", title) if k == 0 else ("", "")),
+            each.name,
+            f"{each.value:.6g} {each.unit}".strip(),
+            f"{each.allowed(period):.1g}",
+            f"{each.order:g}",
+            source if k == 0 else "",
+        )
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return rows
+
+
+def table(scenes: Mapping[str, Scene], groups: Mapping[str, Mapping[str, Scene]]) -> str:
     """The page docs/reference/scenes.md, for the scenes by name."""
-    return HEAD + "\n".join(lines(scenes)) + "\n"
+    return HEAD + "\n".join(lines(scenes)) + GROUP_HEAD + "\n".join(group_lines(groups)) + "\n"
 
 
 def main() -> int:
     """Print docs/reference/scenes.md; to be run in the root of the repository."""
-    from cylconn_ros.scene.scene import load
+    from cylconn_ros.scene.scene import load, load_all
 
-    print(table({name: load(f"config/{name}.yaml") for name in LIBRARY}), end="")
+    one = {name: load(f"config/{name}.yaml") for name in LIBRARY}
+    print(table(one, {name: load_all(f"config/{name}.yaml") for name in GROUPS}), end="")
     return 0
 
 

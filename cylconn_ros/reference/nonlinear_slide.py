@@ -7,6 +7,7 @@ events, so that each piece is smooth. Nothing of the connector's code is used.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -15,30 +16,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.scene.scene import Scene
+from cylconn_ros.scene.tables import DamperTable, SpringTable
 
 Array = NDArray[np.float64]
 Event = Callable[[float, Array], float]
 Rates = Callable[[float, Array], list[float]]
 
 SKIP = 1e-7  # s, over an event, by one step of a Runge-Kutta method of fourth order
+_REPEATS = 8  # of a contraction by mu R m d/I, some thousandths
 
 
 class Slide(NamedTuple):
-    """State of the slide at the end."""
+    """State of the slide at the end, or where it passes the position asked for."""
 
     position: float  # m, in the slot
     velocity: float
     reaction: float  # N, of the stops
     stop_time: float  # s, when it came to rest to stay; inf: it did not
+    time: float  # s, of this state
 
 
-def slide(scene: Scene, start: float, rate: float, push: float, drag: float, end: float) -> Slide:
+def slide(
+    scene: Scene, start: float, rate: float, push: float, drag: float, end: float,
+    eccentric: float = 0.0, until: float = math.nan,
+) -> Slide:  # fmt: skip
     """The slide of a body from ``start`` (m) and ``rate`` to the time ``end``.
 
     Args:
         start: position in the slot, the reference of the elasticity unless the scene has one.
         push: constant force along the slot, N.
         drag: Coulomb friction, N.
+        eccentric: of a turning body (:func:`turn_as_slide`), mu R m d: friction of the force m d
+            sqrt(v^4 + a^2) that leads its mass centre around the axis, kg m.
+        until: position at which it ends, if it passes it before the time ``end``.
 
     """
     from scipy.integrate import solve_ivp
@@ -50,18 +60,24 @@ def slide(scene: Scene, start: float, rate: float, push: float, drag: float, end
         return push + _elastic(scene, x - rest) + _viscous(scene, v) + stop_force(scene, x, v)
 
     def rates(_t: float, y: Sequence[float] | Array) -> list[float]:
-        return [y[1], (total(y[0], y[1]) - drag * moving * np.sign(y[1])) / mass]
+        force = total(y[0], y[1])
+        side = float(np.sign(y[1] or force))
+        a = (force - drag * side) / mass
+        for _ in range(_REPEATS if eccentric else 0):
+            a = (force - side * (drag + eccentric * math.hypot(y[1] ** 2, a))) / mass
+        return [y[1], a]
 
     functions: list[Event] = [_passes(0, rest + x) for x in scene.elasticity.table.positions]
     functions += [_passes(0, x) for x in _kinks(scene)]
     functions += [_passes(1, v) for v in (*scene.damping.table.rates, *((0.0,) if drag else ()))]
     functions += [_leaves(scene, each) for each in _sides(scene)]
+    functions += [] if math.isnan(until) else [_passes(0, until)]
     for event in functions:
         event.terminal = True  # type: ignore[attr-defined]
-    t, y, moving = 0.0, [start, rate], 1.0
+    t, y = 0.0, [start, rate]
     while t < end:
         if drag > 0.0 and abs(y[1]) < 1e-9 and abs(total(y[0], 0.0)) <= drag:
-            return Slide(y[0], 0.0, stop_force(scene, y[0], 0.0), t)
+            return Slide(y[0], 0.0, stop_force(scene, y[0], 0.0), t, end)
         h = min(SKIP, end - t)
         y, t = _runge_kutta(rates, t, y, h), t + h
         if t >= end:
@@ -70,7 +86,46 @@ def slide(scene: Scene, start: float, rate: float, push: float, drag: float, end
             rates, (t, end), y, method="DOP853", events=functions, rtol=1e-12, atol=1e-14
         )
         t, y = float(found.t[-1]), [float(each) for each in found.y[:, -1]]
-    return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf)
+        if not math.isnan(until) and len(found.t_events[-1]):
+            break
+    return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf, t)
+
+
+def turn_as_slide(scene: Scene) -> Scene:
+    """The scene whose slide is the turn of this one: angles for positions, moments for forces.
+
+    Its mass is the moment of inertia about the slot of a body whose frame has the slot as x axis.
+    """
+    elastic, damping, stops, body = scene.elasticity, scene.damping, scene.stops, scene.body_b
+    table, rates = elastic.rotational_table, damping.rotational_table
+    inertia = body.inertia[0] + body.mass * (body.com[1] ** 2 + body.com[2] ** 2)
+    return dataclasses.replace(
+        scene,
+        body_b=dataclasses.replace(body, mass=inertia),
+        reference=dataclasses.replace(scene.reference, length=scene.reference.angle),
+        elasticity=dataclasses.replace(
+            elastic,
+            k1=elastic.kr1,
+            table=SpringTable(
+                positions=table.angles, forces=table.moments, extrapolation=table.extrapolation
+            ),
+        ),
+        damping=dataclasses.replace(
+            damping,
+            c1=damping.cr1,
+            table=DamperTable(
+                rates=rates.rates, forces=rates.moments, extrapolation=rates.extrapolation
+            ),
+        ),
+        stops=dataclasses.replace(
+            stops,
+            l_min=stops.theta_min,
+            l_max=stops.theta_max,
+            stiffness=stops.rotational_stiffness,
+            damping=stops.rotational_damping,
+            damping_depth=stops.rotational_damping_depth,
+        ),
+    )
 
 
 def _passes(k: int, at: float) -> Event:

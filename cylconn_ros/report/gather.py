@@ -32,6 +32,7 @@ class Geometry:
     radius: float
     overlap: float
     stops: tuple[float, float]  # l_min, l_max; NaN: none
+    angle_stops: tuple[float, float]  # theta_min, theta_max, rad; NaN: none
     up: tuple[float, float, float]
 
 
@@ -178,6 +179,7 @@ def _geometry(run: Run, radius: float, stamp: Array) -> Geometry:
         radius=radius,
         overlap=overlap if overlap > 0.0 else 4.0 * radius,
         stops=(_number(run, "stops.l_min"), _number(run, "stops.l_max")),
+        angle_stops=(_number(run, "stops.theta_min"), _number(run, "stops.theta_max")),
         up=(up[0], up[1], up[2]),
     )
 
@@ -185,9 +187,14 @@ def _geometry(run: Run, radius: float, stamp: Array) -> Geometry:
 def _pose_topic(run: Run, body: str) -> str | None:
     """Return the topic of a body's poses, or None.
 
-    Found by its name. If no topic has such a name and only one body moves, it is the only topic
+    Known if the recording states the connector's topics, as for a body that connectors share; else
+    found by its name. If no topic has such a name and only one body moves, it is the only topic
     with poses.
     """
+    stated = [run.names.get(f"{body}/{kind}") for kind in ("pose", "odom")]
+    known = [t for t in stated if t and run.types.get(t) in _POSES and run.counts[t]]
+    if known:
+        return known[0]
     moving = [b for b in ("body_a", "body_b") if run.parameters.get(f"{b}.kind") != "fixed"]
     topics = [t for t, kind in run.types.items() if kind in _POSES and run.counts[t]]
     named = [t for t in topics if f"/{body}/" in f"/{t}"]

@@ -251,6 +251,7 @@ def _path(packer: Packer, found: RunData, rows: Array, geometry: Geometry) -> di
             "y": offset[:, 0],
             "z": offset[:, 1],
             "angle": np.remainder(states("angle"), 2.0 * np.pi),
+            "turned": states("rotation") - states("angle"),
             "regime": np.asarray(states.fields["regime"]),
             "force": np.asarray(states.fields["force"], float),
             "overlap": np.where(states("overlap") > 0.0, states("overlap"), geometry.overlap),
@@ -276,5 +277,6 @@ def _geometry(geometry: Geometry) -> dict[str, Any]:
         "radius": geometry.radius,
         "overlap": geometry.overlap,
         "stops": [stop if np.isfinite(stop) else None for stop in geometry.stops],
+        "angle_stops": [stop if np.isfinite(stop) else None for stop in geometry.angle_stops],
         "up": list(geometry.up),
     }

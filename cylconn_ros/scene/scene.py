@@ -149,6 +149,18 @@ def load(
         raise SceneError(f"{path}: {error}") from None
 
 
+def load_all(path: str | Path) -> dict[str, Scene]:
+    """The scenes of all connectors of a file by name; "" if there is one without a name.
+
+    Raises :class:`SceneError` as :func:`load`.
+    """
+    parameters = parameter_file.load_parameters(path, "connector", "/")
+    try:
+        return several(parameter_file.scene_part(parameters))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+
+
 def chosen(scenes: Mapping[str, Scene], connector: str) -> Scene:
     """The scene of a connector. Raises SceneError if there is none of that name."""
     if connector in scenes:

@@ -10,7 +10,9 @@ from scenes import CONFIG, bundled, with_period
 from cylconn_ros.cli import main, scenes
 from cylconn_ros.core import layout
 from cylconn_ros.reference import library
-from cylconn_ros.scene.scene import Scene
+from cylconn_ros.reference.group_answers import GROUPS
+from cylconn_ros.scene.scene import Scene, load_all
+from cylconn_ros.simulation.group import simulate_group
 from cylconn_ros.simulation.plant import Plant
 from cylconn_ros.simulation.simulate import simulate
 
@@ -25,7 +27,22 @@ def compared(name: str, scene: Scene) -> dict[str, library.Comparison]:
 
 def test_every_scene_has_reference_values() -> None:
     files = {path.stem for path in CONFIG.glob("*.yaml")}
-    assert files == {*library.LIBRARY, "connector"}
+    assert files == {*library.LIBRARY, *GROUPS, "connector"}
+
+
+@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("period", [4e-3, 1e-3, 5e-4])
+def test_a_scene_of_several_connectors_reaches_its_reference_values(
+    name: str, period: float
+) -> None:
+    loaded = load_all(CONFIG / f"{name}.yaml")
+    scenes_of = {each: with_period(scene, period) for each, scene in loaded.items()}
+    together = list(scenes_of.values())
+    run = simulate_group(together, scenes.steps(together[0]) + 1)
+    assert np.all(run.outs[:, :, layout.STATUS] == layout.OK)
+    assert not np.any(run.outs[:, :, layout.FLAGS].astype(int) & layout.NOT_CONVERGED)
+    found = library.compare_group(name, scenes_of, run)
+    assert {each.name: each.error for each in found if not each.ok} == {}
 
 
 @pytest.mark.parametrize("name", library.LIBRARY)
@@ -73,6 +90,8 @@ def test_simulate_prints_the_comparison(capsys: pytest.CaptureFixture[str]) -> N
     assert "first friction force  3.500000 N  (reference 3.500000, error" in text
     assert main.main(["simulate", "coast", "--duration", "0.1"]) == 0
     assert "reference" not in capsys.readouterr().out
+    assert main.main(["simulate", "telescope_of_two_stages"]) == 0
+    assert "✓ ring's slide" in capsys.readouterr().out
 
 
 def test_simulate_fails_if_a_reference_value_is_missed(
@@ -99,5 +118,7 @@ def test_the_page_of_scenes_is_up_to_date() -> None:
     for name in library.LIBRARY:
         assert f"| `{name}` |" in page
     for line in library.lines({name: bundled(name) for name in fast}):
+        assert line in page
+    for line in library.group_lines({name: load_all(CONFIG / f"{name}.yaml") for name in GROUPS}):
         assert line in page
     assert page.startswith(library.HEAD)

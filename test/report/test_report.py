@@ -16,7 +16,7 @@ from odometry_bag import odometry_bag
 from paths import BAGS
 
 from cylconn_ros.cli.main import main
-from cylconn_ros.cli.report import facts
+from cylconn_ros.cli.report import facts, sources
 from cylconn_ros.cli.summary import FIELDS, RunSummary, summarise
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.errors import RecordingError
@@ -79,7 +79,10 @@ def noise_data(count: int) -> gather.RunData:
     for name in ("stop", "lock", "status"):
         fields[name] = np.zeros(count, int)
     fixed = np.array([[0.0, 0.0, 0.0, 1.0]])
-    geometry = gather.Geometry(fixed[:, :3], fixed, None, 0.02, 0.1, (np.nan, 1.0), (0.0, 0.0, 1.0))
+    up = (0.0, 0.0, 1.0)
+    geometry = gather.Geometry(
+        fixed[:, :3], fixed, None, 0.02, 0.1, (np.nan, 1.0), (np.nan, 2.0), up
+    )
     none = np.zeros(count, bool)
     states = States(fields, 0.02, 1.0)
     return gather.RunData(
@@ -238,6 +241,44 @@ def test_stops_of_a_real_recording_are_shown() -> None:
     assert set(packed(stop["bits"])) == {0, 1, 2}
     assert stop["names"][:2] == ["stop length min", "stop length max"]
     assert packed.head["geometry"]["stops"] == [0.0, 0.1]
+
+
+def test_stops_of_the_spin_are_drawn_where_it_meets_them(tmp_path: Path) -> None:
+    """The spin counts from the start, the stop is an angle: the door is let go at 80 degrees."""
+    kept = tmp_path / "door"
+    assert main(["simulate", "door_closer", "--duration", "0.01", "-o", str(kept)]) == 0
+    packed = Packed(*payload.build_payload(gather.gather(read_run(kept))))
+    assert packed.head["geometry"]["angle_stops"] == [0.0, None]
+    turned = packed(packed.head["path"]["turned"])
+    np.testing.assert_allclose(turned, -np.radians(80.0), rtol=1e-6)
+
+
+def test_friction_by_direction_is_among_the_sources(tmp_path: Path) -> None:
+    """Its coefficients replace the common one, which is not used."""
+    kept = tmp_path / "ram"
+    assert main(["simulate", "hydraulic_ram", "--duration", "0.01", "-o", str(kept)]) == 0
+    run = read_run(kept)
+    listed = dict(sources(run, gather.gather(run)))
+    assert "friction.coefficient" not in listed
+    assert listed["friction.coefficient_forward"] == "0.1"
+    assert listed["friction.coefficient_backward"] == "0.25"
+    assert listed["friction.offset_force"] == "15.0"
+
+
+def test_a_shared_body_a_moves_in_the_report_of_a_connector(tmp_path: Path) -> None:
+    """Its poses have the topic of the body's frame, which the recording states."""
+    kept = tmp_path / "telescope"
+    given = ["--period", "0.005", "--duration", "0.4"]
+    assert main(["simulate", "telescope_of_two_stages", *given, "-o", str(kept)]) == 0
+    found = gather.gather(read_run(kept).select("inner"))
+    assert not [note for note in found.notes if "body A" in note]
+    geometry = found.geometry_at(np.arange(len(found.time)))
+    assert geometry.origin[0, 0] == 0.3
+    assert geometry.origin[-1, 0] > 0.35
+    centre = geometry.centre
+    assert centre is not None
+    slide = states_of(found)("length")
+    np.testing.assert_allclose(centre[:, 0] - geometry.origin[:, 0], slide + 0.05, atol=1e-12)
 
 
 def test_problems_of_the_samples_are_noted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from paths import ROOT
 
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene import documentation, parameter_file
-from cylconn_ros.scene.scene import Body, Friction, Node, Scene, load, schema
+from cylconn_ros.scene.scene import Body, Friction, Node, Scene, load, load_all, schema
 from cylconn_ros.scene.schema import Parameter, flatten, show
 
 LEAST = {
@@ -275,7 +275,7 @@ def test_parameters_of_ros_itself_are_left_alone(tmp_path):
     "path", sorted((ROOT / "config").glob("*.yaml")), ids=lambda path: path.name
 )
 def test_every_scene_file_of_the_project_can_be_used(path):
-    load(path)
+    load_all(path)
 
 
 GIVEN: dict[str, Any] = {

@@ -60,19 +60,27 @@ function unitOf(panel) {
   return { unit: prefix + unit, factor: factor * scale };
 }
 
-// Height of the stops in the plot of the slide: the stops are lengths, the slide counts from the start.
-function stopLines(run) {
-  const k = run.path.u1.findIndex((value, at) => Number.isFinite(value) && Number.isFinite(run.path.length[at]));
-  if (k < 0) return [];
-  const shift = run.path.u1[k] - run.path.length[k];
-  return run.geometry.stops.flatMap((stop, at) => (stop === null ? [] : [{ name: ["l_min", "l_max"][at], value: stop + shift }]));
+// Height of the stops in the plots of slide and spin: the stops are lengths and angles, both plots count from the start.
+function stopLines(run, key) {
+  const { path, geometry } = run;
+  if (key === "spin") {
+    const shift = path.turned.find(Number.isFinite) ?? 0;
+    return named(geometry.angle_stops, ["theta_min", "theta_max"], (angle) => (angle + shift) / (2 * Math.PI));
+  }
+  if (key !== "slide") return [];
+  const k = path.u1.findIndex((value, at) => Number.isFinite(value) && Number.isFinite(path.length[at]));
+  return k < 0 ? [] : named(geometry.stops, ["l_min", "l_max"], (length) => length + path.u1[k] - path.length[k]);
+}
+
+function named(stops, names, height) {
+  return stops.flatMap((stop, at) => (stop === null ? [] : [{ name: names[at], value: height(stop) }]));
 }
 
 class Chart {
   constructor(host, panel, link, bands) {
     Object.assign(this, { panel, link, bands, shown: panel.curves.map(() => true), figure: null, view: null });
     Object.assign(this, unitOf(panel));
-    this.stops = panel.key === "slide" ? stopLines(link.run) : [];
+    this.stops = stopLines(link.run, panel.key);
     const root = element("section", "panel time"), header = element("header"), heading = element("h3", "", panel.title);
     heading.append(" ", element("small", "", `[${this.unit}${panel.log ? ", log" : ""}]`));
     header.append(heading);

@@ -53,7 +53,7 @@ class Plane {
     const { palette, run } = this.link;
     const width = this.parts.stage.clientWidth, height = this.parts.stage.clientHeight;
     const context = prepare(this.parts.base, width, height);
-    const plot = (this.plot = { left: 52, top: 4, width: Math.max(10, width - 62), height: Math.max(10, height - 40) });
+    const plot = (this.plot = { left: 60, top: 4, width: Math.max(10, width - 70), height: Math.max(10, height - 40) });
     this.fit(plot);
     this.axes(context, plot);
     context.save();
