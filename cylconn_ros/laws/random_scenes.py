@@ -24,6 +24,9 @@ from cylconn_ros.scene.scene import Scene
 Array = NDArray[np.float64]
 LONGEST_ARM = 1e4
 LEAST_CHANGING_OVERLAP = 1e-4  # m: that of a shorter one is less than the rounding of positions
+FROM_THE_SAMPLE = (
+    -0.35
+)  # decades over m/h^2 and m/h that methods carry whose forces are of the sample
 FAMILIES = ("wide", "sliding", "roots", "wide", "roots", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
@@ -98,12 +101,18 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
     if values["friction"].get("overlap", 0.0) > LEAST_CHANGING_OVERLAP:
         values["friction"] |= _overlap(generator(seed, number, 2), values["friction"]["overlap"])
     _details(generator(seed, number, 3), values, weight)
-    _elements(generator(seed, number, 4), values, mass, inertia)
+    most = 0.5 if TRAITS[method].has_limits else FROM_THE_SAMPLE
+    _elements(generator(seed, number, 4), values, mass, inertia, most)
     return Scene.from_parameters(values)
 
 
-def _elements(rng: Random, values: dict[str, Any], mass: float, inertia: float) -> None:
-    """Tables of springs and dampers in a quarter of the scenes; some of the stops are compliant."""
+def _elements(
+    rng: Random, values: dict[str, Any], mass: float, inertia: float, most: float
+) -> None:
+    """Tables of springs and dampers in a quarter of the scenes; some of the stops are compliant.
+
+    ``most``: decades of the greatest stiffness and damping over m/h^2 and m/h.
+    """
     h = values["period"]
     limits, free = values.get("stops", {}), [values[b] for b in ("body_a", "body_b")]
     free = [body for body in free if body["kind"] == "free"]
@@ -116,7 +125,7 @@ def _elements(rng: Random, values: dict[str, Any], mass: float, inertia: float) 
         if rng.random() < 0.12:
             x = np.cumsum(decades(rng, -6.0, 0.0, int(rng.integers(2, 7))))
             x -= x[int(rng.integers(len(x)))]
-            slopes = stiff * decades(rng, -6.0, 0.5, len(x) - 1) * rng.choice([0.0, 1.0, 1.0])
+            slopes = stiff * decades(rng, -6.0, most, len(x) - 1) * rng.choice([0.0, 1.0, 1.0])
             y = np.concatenate([[0.0], np.cumsum(slopes * np.diff(x))])
             y += y[-1] * rng.choice([0.0, 0.0, -0.5, 1.0])
             values.setdefault("elasticity", {})[name] = {
@@ -126,7 +135,7 @@ def _elements(rng: Random, values: dict[str, Any], mass: float, inertia: float) 
             x = np.cumsum(decades(rng, -3.0, 1.0, int(rng.integers(2, 7))))
             x -= x[int(rng.integers(len(x)))]
             y = np.concatenate([
-                [0.0], np.cumsum(damp * decades(rng, -5.0, 0.5, len(x) - 1) * np.diff(x))
+                [0.0], np.cumsum(damp * decades(rng, -5.0, most, len(x) - 1) * np.diff(x))
             ])  # fmt: skip
             y -= y[int(np.argmin(np.abs(x)))]
             values.setdefault("damping", {})[name] = {
@@ -138,9 +147,9 @@ def _elements(rng: Random, values: dict[str, Any], mass: float, inertia: float) 
         soft = rng.random() < 0.4 and not held  # else the sizes of both forces are not known
         if soft and any(end.startswith(("l_", "theta_")[k]) for end in limits):
             prefix = ("", "rotational_")[k]
-            limits[f"{prefix}stiffness"] = float(stiff * decades(rng, -6.0, 0.5))
+            limits[f"{prefix}stiffness"] = float(stiff * decades(rng, -6.0, most))
             if rng.random() < 0.7:
-                limits[f"{prefix}damping"] = float(damp * decades(rng, -5.0, 0.5))
+                limits[f"{prefix}damping"] = float(damp * decades(rng, -5.0, most))
                 limits[f"{prefix}damping_depth"] = float(decades(rng, -6.0, 0.0))
     ends = [end for end in ("l_min", "l_max") if "stiffness" not in limits]
     ends += [end for end in ("theta_min", "theta_max") if "rotational_stiffness" not in limits]
