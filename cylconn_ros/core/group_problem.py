@@ -345,7 +345,10 @@ def contradiction(g: GroupProblem) -> float:
     n, worst = 2 * g.number, 0.0
     for j in range(n):
         if g.p[j] != 0.0:
+            # what enters the rate: that of no force, its bound, and friction of all connectors
             size = abs(g.free[j]) + abs(g.low[j] if g.p[j] > 0.0 else g.high[j])
+            for k in range(n):
+                size += abs(g.s[j, k] * g.phi[k])
             left = _softness(g, j) * abs(g.p[j] - g.anchor[n + j])
             worst = max(worst, left / size if size > 0.0 else 0.0)
     return worst

@@ -7,6 +7,7 @@ import pytest
 
 import cylconn_ros as cr
 from cylconn_ros.core import layout
+from cylconn_ros.scene.scene import load_all
 from cylconn_ros.simulation.group import GroupRun, simulate_group
 
 UPRIGHT, LEVEL = (0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)), (0.0, 0.0, 0.0, 1.0)
@@ -107,3 +108,13 @@ def test_a_stop_wins_over_the_drive_of_the_same_connector_in_a_group() -> None:
     assert run.outs[:, 0, layout.LENGTH].max() < 0.05 + 1e-9
     assert run.outs[-1, 0, layout.STOP] == 2.0
     assert int(run.outs[-1, 0, layout.FLAGS]) & layout.DRIVE_BLOCKED
+
+
+def test_a_stop_that_only_friction_of_another_connector_presses_is_no_contradiction() -> None:
+    """A shaft is thrown out of its ring, which friction stops at the end of their travel."""
+    scenes = load_all(cr.shipped("telescope_of_two_stages"))
+    thrown = {"plant.body_b.load": [0.0] * 6, "plant.body_b.twist": [1.5, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    run = simulate_group([scenes["outer"], scenes["inner"].replace(thrown)], 801)
+    flags = run.outs[:, :, layout.FLAGS].astype(int)
+    assert not (flags & layout.NOT_CONVERGED).any()
+    assert run.outs[:, :, layout.RESIDUAL].max() < 1e-12
