@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from pipelines import MS, make
 
-from cylconn_ros.connector.load_history import IF_REGULAR
+from cylconn_ros.connector.load_history import AWAITED, IF_REGULAR, NO, REGULAR
 from cylconn_ros.messages.cdr_encoder import StampedWriter
 from cylconn_ros.messages.pipeline import MessagePipeline
 from cylconn_ros.ros.executor import fused, new_message_event, rcl
@@ -269,6 +269,22 @@ def test_samples_that_overlap_are_answered(names, seed, open_node):
         node.run()
         assert node.answers[-count:] == stamps, order
     assert node.pipeline.matcher.counts.incomplete == 0
+
+
+def test_loads_that_are_not_awaited_are_taken_between_samples(open_node):
+    """Queued samples are processed one by one, each with the loads that have arrived by then."""
+    node = open_node((*MOTION, LOAD))
+    arrive(node, [(name, MS) for name in (LOAD, *MOTION)], [0, 0, 0])
+    node.run()
+    paused = node.pipeline.matcher.loads.state
+    paused[AWAITED : AWAITED + 2], paused[REGULAR : REGULAR + 2] = NO, -1000
+    stamps = [k * MS for k in range(2, 12)]
+    queued = [(name, stamp) for stamp in stamps for name in MOTION]
+    loads = [(LOAD, stamp) for stamp in stamps]
+    arrive(node, [*queued, *loads], [0] * len(queued) + [3] * len(loads))
+    node.run()
+    assert node.answers == [MS, *stamps]
+    assert node.pipeline.matcher.counts.late_loads <= 1  # of the sample that was being taken
 
 
 def test_messages_that_arrive_while_callbacks_are_registered_are_taken(open_node):

@@ -81,7 +81,7 @@ class _Forwarder:
         _forward(taken, table, np.zeros(0, np.int64), *rest)  # compiles
 
     def take(
-        self, _first: int | None, _on_error: Callable[[Exception], object]
+        self, _first: int | None, _on_error: Callable[[Exception], object], _one: bool = False
     ) -> tuple[bool, int | None]:
         """Forward all queued messages, as ``FusedPath.take`` processes them."""
         return _forward(*self._arguments) > 0, len(INPUTS) - 1

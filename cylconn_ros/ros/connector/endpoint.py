@@ -142,13 +142,13 @@ class ConnectorEndpoint:
                 endpoint.record(outputs)
 
     def _take_fused(
-        self, first: int | None, on_error: Callable[[Exception], object]
+        self, first: int | None, on_error: Callable[[Exception], object], one: bool
     ) -> tuple[bool, int | None]:
         assert self._fused is not None
         writer = self._recorder.writer
         if writer is not self._fused.writer:
             self._fused.record(writer, [] if writer is None else self._channels(writer))
-        return self._fused.take(first, on_error)
+        return self._fused.take(first, on_error, one)
 
     def _channels(self, writer: RunWriter) -> list[int]:
         """Channel numbers of the fused path's inputs and outputs in the recording."""

@@ -8,7 +8,8 @@ The messages of a sample usually arrive in the same order. Between samples, the 
 woken only by the stream whose message came last (the completing one), and the other messages of the
 sample are taken with it: it wakes once per sample instead of once per message. A stream of loads
 that come with every sample is treated in the same way; other loads, and commands, wake the thread
-when they arrive and cost nothing while they are idle. In a fast closed loop, in which each sample
+when they arrive and cost nothing while they are idle. Samples that are queued together are
+processed one by one if there are loads or commands, which are taken before each. In a fast closed loop, in which each sample
 follows the wrench of the previous one, the thread polls for the next sample instead of sleeping.
 
 No complete sample is left in a queue:
@@ -56,7 +57,7 @@ Receive = Callable[[bytes], bool]
 """Process a serialized message; return True if it completed a sample."""
 
 
-Take = Callable[[int | None, Callable[[Exception], object]], tuple[bool, int | None]]
+Take = Callable[[int | None, Callable[[Exception], object], bool], tuple[bool, int | None]]
 """Take and process queued messages as ``FusedPath.take`` does."""
 
 
@@ -179,15 +180,22 @@ class Group:
         ``ready``: numbers of the streams whose events were reported.
         """
         signalled = [self._streams[k] for k in ready]
-        complete = False
-        for stream in self._others:  # loads and commands first: they act on this sample
-            if stream.numbers.expected >= 0 or stream in signalled:  # in use, or its first message
-                taken, completed = self._take(stream)
-                complete |= completed
-                if taken == _MANY:  # more may be queued: raise the event again
-                    self._poller.arm(stream.event, True)
-        if self._completing is None or self._completing in signalled:
-            complete |= self._take_triggering()
+        complete, goes_on = False, True
+        while goes_on:
+            in_use = False
+            for stream in self._others:  # loads and commands first: they act on this sample
+                # in use, or its first message
+                if stream.numbers.expected >= 0 or stream in signalled:
+                    in_use = True
+                    taken, completed = self._take(stream)
+                    complete |= completed
+                    if taken == _MANY:  # more may be queued: raise the event again
+                        self._poller.arm(stream.event, True)
+            goes_on = False
+            if self._completing is None or self._completing in signalled:
+                found = self._take_triggering(in_use)
+                complete |= found
+                goes_on = found and in_use  # with the loads that have come since then
         self._finish(now, complete)
 
     def check(self, now: float) -> None:
@@ -239,16 +247,16 @@ class Group:
         self._close = self._close + 1 if since < _CLOSE else 0
         self.poll_until = now + _CLOSE if self._close >= _IN_A_ROW else 0.0
 
-    def _take_triggering(self) -> bool:
+    def _take_triggering(self, one: bool) -> bool:
         """Take messages of each stream in turn; return True if a sample was complete.
 
-        Ends if the completing stream has no more messages and a sample was complete, or if no
-        stream has any.
+        With ``one``, ends with that sample. Ends if the completing stream has no more messages
+        and a sample was complete, or if no stream has any.
         """
         triggering, completing = self._triggering, self._completing
         first = None if completing is None else triggering.index(completing)
         if self._inputs.take is not None:
-            complete, newest = self._inputs.take(first, self._on_error)
+            complete, newest = self._inputs.take(first, self._on_error, one)
             if newest is not None:
                 self._newest = triggering[newest]
             return complete
@@ -262,6 +270,8 @@ class Group:
                 if taken:
                     self._newest = stream
                 elif complete and stream is completing:
+                    return True
+                if one and complete:
                     return True
         return complete
 

@@ -285,14 +285,24 @@ class FusedPath:
         )  # fmt: skip
 
     def take(
-        self, first: int | None, on_error: Callable[[Exception], object]
+        self, first: int | None, on_error: Callable[[Exception], object], one: bool = False
     ) -> tuple[bool, int | None]:
-        """Process queued messages until no input has any.
+        """Process queued messages until no input has any; with ``one``, until a sample is complete.
 
         With ``first``, an input, it may end if that one has none and a sample was complete. Returns
         whether a sample was complete, and the index of the input with the last message of a
         sample's motion. ``on_error`` gets exceptions raised by the handlers of the reference path.
         """
+        most = self.status[MOST]
+        self.status[MOST] = 1 if one else most
+        try:
+            return self._take(first, on_error, one)
+        finally:
+            self.status[MOST] = most
+
+    def _take(
+        self, first: int | None, on_error: Callable[[Exception], object], one: bool
+    ) -> tuple[bool, int | None]:
         complete, last, status = False, None, self.status
         status[FIRST] = -1 if first is None else first
         while True:
@@ -306,7 +316,7 @@ class FusedPath:
                 self._on_samples(processed)
             k = status[MISMATCH]
             if k < 0:
-                if processed < status[MOST]:
+                if one or processed < status[MOST]:
                     return complete, last
                 continue
             last = k
@@ -314,6 +324,8 @@ class FusedPath:
                 complete |= self._receive_mismatch(k)
             except Exception as error:
                 on_error(error)
+            if one and complete:
+                return complete, last
 
     def record(self, writer: RunWriter | None, channels: Sequence[int] = ()) -> None:
         """Record with ``writer`` from now on, or stop recording (None).
