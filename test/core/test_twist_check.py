@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scenes import bundled
 
-from cylconn_ros.cli.scenes import bundled as paths
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.core import layout, model
+from cylconn_ros.reference.library import LIBRARY
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.simulate import simulate
 
@@ -25,7 +25,7 @@ def flags(outs: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize("latency", [0, -1])
 @pytest.mark.parametrize("integration", ["exact", "semi_implicit"])
-@pytest.mark.parametrize("name", list(paths()))
+@pytest.mark.parametrize("name", sorted(LIBRARY))
 def test_no_scene_raises_the_flag(name: str, integration: str, latency: int) -> None:
     changes = {"plant_integration": integration, "latency": latency}
     run = simulate(bundled(name).replace(changes), duration=1.0)

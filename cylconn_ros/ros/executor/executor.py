@@ -9,8 +9,9 @@ woken only by the stream whose message came last (the completing one), and the o
 sample are taken with it: it wakes once per sample instead of once per message. A stream of loads
 that come with every sample is treated in the same way; other loads, and commands, wake the thread
 when they arrive and cost nothing while they are idle. Samples that are queued together are
-processed one by one if there are loads or commands, which are taken before each. In a fast closed loop, in which each sample
-follows the wrench of the previous one, the thread polls for the next sample instead of sleeping.
+processed one by one if there are loads or commands, which are taken before each. In a fast closed
+loop, in which each sample follows the wrench of the previous one, the thread polls for the next
+sample instead of sleeping.
 
 No complete sample is left in a queue:
 
