@@ -20,8 +20,9 @@ dampers act with the mean rate. A semi-implicit plant has its rates between its 
 path goes from the last position, x - h w-, to the next one, x + h w+, which conserves
 m w^2/2 + (V(x) + V(x + h w))/2 (Greenspan, J. Comput. Phys. 56, 1984).
 
-:func:`linearised` gives this force as push - E w+ about a rate w+. It is exact where the path lies
-on one piece; else the step is repeated about the rate that it found, Newton's method.
+A solved step takes this force as push - E w+ about a rate w+ (methods/free_axes/elements.py). That
+is exact where the path lies on one piece; else the step is repeated about the rate that it found,
+Newton's method.
 """
 
 from typing import Final, NamedTuple
@@ -182,12 +183,6 @@ def _stop_force(
         force += c * share * rate
         by += c * (share * by_rate + share_by * by_b * rate)
     return (force, by) if force > 0.0 else (0.0, 0.0)
-
-
-@inline_function
-def has_elements(par: Array, base: int, k: int) -> bool:
-    """Whether a component has a table or a compliant stop; ``base``: model.ELEMENTS."""
-    return par[base + k] != 0.0
 
 
 @device_function

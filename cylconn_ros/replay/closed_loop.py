@@ -21,6 +21,7 @@ from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
 from cylconn_ros.recording.unstamped import preloads
+from cylconn_ros.replay.replay import follows, for_motion
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation import run as simulated
 from cylconn_ros.simulation.closed_loop import run_loop, times
@@ -43,10 +44,12 @@ class Motion:
     Attributes
     ----------
         samples: its complete samples.
+        follows: whether it followed from wrenches of the scene with which it was read.
         commands: log time or stamp (ns since the first sample) and content of each command.
     """
 
     samples: SampleArrays
+    follows: bool
     commands: Commands
 
 
@@ -61,13 +64,14 @@ def recorded_motion(run: Run, scene: Scene, remap: dict[str, str] | None = None)
             f"{run.path}: no state to start from: {len(found)} complete samples "
             "(pose and twist with the same stamp)"
         )
-    return Motion(found, _commands(run, scene))
+    return Motion(found, follows(run.metadata, scene), _commands(run, scene))
 
 
 def along(scene: Scene, motion: Motion) -> Array:
     """Return the outputs (n, NOUT) of the connector for the recorded motion."""
     outs = np.empty((len(motion.samples), layout.NOUT))
-    Connector(scene).run(motion.samples.samples, motion.samples.h, outs)
+    used = for_motion(scene, motion.follows)
+    Connector(used).run(motion.samples.samples, motion.samples.h, outs)
     return outs
 
 

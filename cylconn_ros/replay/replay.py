@@ -61,15 +61,25 @@ UNRELATED = "motion"
 """Key in the metadata of a replay whose recorded motion does not follow from its wrenches."""
 
 
-def _recorded_with(bag: Bag, scene: Scene) -> bool:
-    """Whether the motion of a recording followed from wrenches of the parameters of ``scene``."""
-    if UNRELATED in bag.metadata:
+def follows(metadata: Mapping[str, str], scene: Scene) -> bool:
+    """Whether the motion of a recording followed from wrenches of the parameters of ``scene``.
+
+    If not, it tells nothing about the time at which they act. ``metadata``: of the recording.
+    """
+    if UNRELATED in metadata:
         return False
     try:
-        stored = Scene.from_parameters(parameter_file.parameters_of(bag.metadata["parameters"]))
+        stored = Scene.from_parameters(parameter_file.parameters_of(metadata["parameters"]))
     except (KeyError, SceneError):
         return False
     return parameter_file.dump(stored) == parameter_file.dump(scene)
+
+
+def for_motion(scene: Scene, follows: bool) -> Scene:
+    """The scene with which a recorded motion is evaluated: one that does not follow has no lag."""
+    if follows or scene.latency >= 0 or not latency_is_measurable(scene):
+        return scene
+    return dataclasses.replace(scene, latency=0)
 
 
 class Replay:
@@ -93,11 +103,9 @@ class Replay:
     def __init__(self, bag: Bag, scene: Scene, renamed: Mapping[str, str] | None = None) -> None:
         """``renamed``: the recorded topic of an input, e.g. ``{"body_b/odom": "/robot/odom"}``."""
         self.bag, self.scene = bag, scene
-        # Of other parameters the motion tells nothing about the time at which wrenches act.
-        self.follows = _recorded_with(bag, scene)
-        if not self.follows and scene.latency < 0 and latency_is_measurable(scene):
-            scene = dataclasses.replace(scene, latency=0)
-        self.pipeline = MessagePipeline(scene, check_latency=self.follows)
+        self.follows = follows(bag.metadata, scene)
+        used = for_motion(scene, self.follows)
+        self.pipeline = MessagePipeline(used, check_latency=self.follows)
         self.node = bag.metadata.get("node", NODE)
         self.inputs = _inputs(bag, self.pipeline, self.node, dict(renamed or {}))
         self.names = {n: bag.names.get(n) or _resolved(n, self.node) for n, _ in OUTPUTS}

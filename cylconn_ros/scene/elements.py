@@ -40,26 +40,30 @@ class Table(NamedTuple):
         return [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairs]
 
 
+def _tables(scene: SceneFields, group: str, slide: str, spin: str) -> tuple[Table, Table]:
+    """The tables of slide and spin in a group; ``slide``, ``spin``: names of their points."""
+    found = [
+        (f"{group}.{name}", points, values, getattr(getattr(scene, group), name))
+        for name, points, values in (
+            ("table", slide, "forces"), ("rotational_table", spin, "moments"),
+        )
+    ]  # fmt: skip
+    one, two = (
+        Table(full, points, values, getattr(table, points), getattr(table, values),
+              table.extrapolation == "constant")
+        for full, points, values, table in found
+    )  # fmt: skip
+    return one, two
+
+
 def spring_tables(scene: SceneFields) -> tuple[Table, Table]:
     """The tables of the springs on slide and spin; without points if there is none."""
-    one, two = scene.elasticity.table, scene.elasticity.rotational_table
-    return (
-        Table("elasticity.table", "positions", "forces", one.positions, one.forces,
-              one.extrapolation == "constant"),
-        Table("elasticity.rotational_table", "angles", "moments", two.angles, two.moments,
-              two.extrapolation == "constant"),
-    )  # fmt: skip
+    return _tables(scene, "elasticity", "positions", "angles")
 
 
 def damper_tables(scene: SceneFields) -> tuple[Table, Table]:
     """The tables of the dampers on slide and spin; without points if there is none."""
-    one, two = scene.damping.table, scene.damping.rotational_table
-    return (
-        Table("damping.table", "rates", "forces", one.rates, one.forces,
-              one.extrapolation == "constant"),
-        Table("damping.rotational_table", "rates", "moments", two.rates, two.moments,
-              two.extrapolation == "constant"),
-    )  # fmt: skip
+    return _tables(scene, "damping", "rates", "rates")
 
 
 class CompliantStops(NamedTuple):

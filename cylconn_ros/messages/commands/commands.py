@@ -6,7 +6,6 @@ active state. One that cannot be carried out is refused and counted, and changes
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 
 from cylconn_ros.connector.connector import Connector
@@ -105,7 +104,7 @@ class Commands:
             self.imposed[name] = imposition
 
     def _press(self, preload: float) -> None:
-        if preload != self.preload or not math.isfinite(preload):
+        if preload != self.preload:
             self.connector.set_preload(preload)
             self.preload = preload
 
