@@ -263,12 +263,13 @@ def _motions(options: argparse.Namespace) -> int:
         results = check_all(options.seed, options.motions, bar)
     print(f"{options.motions} random motions, {time.monotonic() - begin:.0f} s\n")
     print(
-        f"{'method':<22}{'motions':>8}{'energy':>10}{'references':>12}{'error':>10}{'violated':>10}"
+        f"{'method':<22}{'motions':>8}{'energy':>10}{'references':>12}{'error':>10}{'jams':>6}{'violated':>10}"
     )
     for name, one in results.items():
+        some = "; ".join(one.failures[:3])
         print(
             f"{name:<22}{one.motions:>8}{one.energy:>+10.1e}{one.references:>12}"
-            f"{one.reference:>10.1e}{len(one.failures):>10}  {'; '.join(one.failures[:3])}"
+            f"{one.reference:>10.1e}{one.jams:>6}{len(one.failures):>10}  {some}"
         )
     return 1 if any(one.failures for one in results.values()) else 0
 

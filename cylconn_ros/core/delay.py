@@ -25,12 +25,6 @@ def is_measured(par: Array, mem: Array) -> bool:
 
 
 @inline_function
-def adapts_gains(par: Array) -> bool:
-    """Whether the gains follow from the energy: ``latency: -1``, unknown inertia."""
-    return par[model.LATENCY] == model.ADAPTED
-
-
-@inline_function
 def is_checked(par: Array) -> bool:
     """Whether the measured latency may refute the declared one."""
     return par[model.LATENCY_CHECKED] != 0.0
@@ -48,6 +42,12 @@ def is_delayed(par: Array, mem: Array) -> bool:
     if is_measured(par, mem):
         return mem[model.DELAYED] != 0.0
     return par[model.LATENCY] > 0.0
+
+
+@inline_function
+def adapts_gains(par: Array, mem: Array) -> bool:
+    """Whether elastic constraints follow from the energy: unknown inertia, or no latency."""
+    return par[model.LATENCY] == model.ADAPTED or not is_delayed(par, mem)
 
 
 @inline_function

@@ -161,11 +161,11 @@ def _of_rows(
     loaded = bare.free / unit - s.hold  # without friction and reactions
     loaded_size = bare.free_size / unit * (1.0 + 1e-3 * bare.condition)[:, None]
     pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
+    slow, tie = rests_at(p, w, w_size, loaded - w)
     for side in (-1.0, 1.0):
         gap, gap_size, there = gap_at(p, o, side)
         change = -side * (loaded - w)
         reach = (REST_SHARE * np.abs(change) + REST_ROUNDING * pull) * h
-        slow, tie = rests_at(p, w, w_size, change)
         within = np.abs(gap) <= reach
         near = np.abs(np.abs(gap) - reach) <= MARGIN * reach + 1e-15 * gap_size
         pressed = change < 0.0
@@ -185,7 +185,7 @@ def _of_rows(
         part = found.take(index)
         part = _impacts(
             p.take(index), tables, o.take(index), s.take(index), held.take(index),
-            out[index, layout.RESTITUTION], part, open_[index],
+            out[index, layout.RESTITUTION], part, open_[index], slow[index], tie[index],
         )  # fmt: skip
         for field in dataclasses.fields(found):
             getattr(found, field.name)[index] = getattr(part, field.name)
@@ -222,8 +222,14 @@ def _impacts(
     coefficient: Array,
     found: Approach,
     open_: Bools,
+    slow: Bools,
+    tie: Bools,
 ) -> Approach:
-    """``found`` with the impacts of the components ``open_`` (n, 2)."""
+    """``found`` with the impacts of the components ``open_`` (n, 2).
+
+    slow: whether their rate is rounding, so that beyond a stop no impact begins; tie: whether that
+    is undecided.
+    """
     w = o.w[:, FREE]
     q = problem_of(p, o, s, held.rows, held.rate, held.rests)
     ends = ends_of(q, tables, s.hold)
@@ -237,12 +243,14 @@ def _impacts(
             sizes = [gap_size[:, k], o.w_size[:, FREE[k]], size]
             c = fall(gap[:, k], rate, change / p.h, p.h, p.explicit, sizes)
             last, free = latest(p.h, p.explicit), there[:, k] & open_[:, k]
-            hits = free & (c.time < last) & (c.time < first)
-            tie = free & (np.abs(c.time - last) <= UNDECIDED * p.h)
+            beyond = gap[:, k] < 0.0
+            hits = free & (c.time < last) & (c.time < first) & ~(beyond & slow[:, k])
+            close = free & (np.abs(c.time - last) <= UNDECIDED * p.h)
             other = np.where(np.isfinite(first), first, -np.inf)
-            tie |= free & (np.abs(c.time - other) <= UNDECIDED * p.h)
+            close |= free & (np.abs(c.time - other) <= UNDECIDED * p.h)
+            close |= free & beyond & tie[:, k]
             soon = free & _may_hit(p, o, ends.rate, NEAR)[:, k]
-            found.undecided[:, k] |= tie | (free & c.undecided) | (soon & ends.undecided)
+            found.undecided[:, k] |= close | (free & c.undecided) | (soon & ends.undecided)
             first = np.where(hits, c.time, first)
             for name, value in (
                 ("side", side), ("time", c.time), ("hit", c.rate), ("before", change / p.h),

@@ -155,11 +155,27 @@ def bounds(
         if near is None:
             near = approach(p, tables, o, s, held_of(p, o, s, found), out)
         _set_stops(p, o, past, found, near)
+        found.ambiguous |= _tied_drives(p, o, found).any(axis=1)
         # the second of two impacts that overlap is that of a motion which begins at the first
         meets = (near.side != 0.0) | (stop_sides(out) != 0.0)
         goes_on = found.followed & ~found.begins
         found.ambiguous |= p.on & (goes_on & meets[:, ::-1] & ~goes_on[:, ::-1]).any(axis=1)
     return found
+
+
+def _tied_drives(p: Parameters, o: SampleState, b: Bounds) -> Bools:
+    """(n, 2) driven components of which rounding decides whether and where a stop holds them.
+
+    They rest at the stop at which they touch, or stops are closer than a step resolves.
+    """
+    pull = np.stack([p.pull_in_speed, p.pull_in_rate], axis=1)
+    touches = np.zeros_like(b.bilateral)
+    for side in (-1.0, 1.0):
+        gap, size, there = gap_at(p, o, side)
+        touches |= there & (np.abs(gap) <= 1e-12 * size)
+    close = p.stops[:, :, 1] - p.stops[:, :, 0] <= pull * p.h[:, None]
+    rests = np.abs(b.low) <= 1e-9 * pull
+    return np.asarray(driven(p, b) & ((touches & rests) | close))
 
 
 def _set_stops(p: Parameters, o: SampleState, past: History, b: Bounds, near: Approach) -> None:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
-from cylconn_ros.laws.normalised import ratio
-from cylconn_ros.laws.parameters import Parameters
+from cylconn_ros.laws.normalised import TOLERANCE, ratio
+from cylconn_ros.laws.parameters import Bools, Parameters
 
 Array = NDArray[np.float64]
 REACTIONS = [layout.FORCE_REACTION, layout.MOMENT_REACTION]
@@ -47,6 +47,12 @@ def drive_residual(p: Parameters, out: Array, b: Bounds, rate: Array, size: Arra
     flagged = (out[:, layout.FLAGS].astype(np.int64) & layout.DRIVE_BLOCKED) != 0
     wrong = flagged & ~((side != 0.0) & b.imposed | b.locked).any(axis=1)
     return np.asarray(np.where(wrong[:, None], np.inf, found))
+
+
+def gives_way(p: Parameters, out: Array, b: Bounds) -> Bools:
+    """(n, 2) whether a drive acts with its greatest force, away from stops: its component moves."""
+    at_most = _distance(np.abs(out[:, REACTIONS]), p.drive[:, :, 0]) <= TOLERANCE
+    return np.asarray(driven(p, b) & (stop_sides(out) == 0.0) & at_most)
 
 
 def excess(force: Array, most: Array) -> Array:

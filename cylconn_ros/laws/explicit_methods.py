@@ -63,9 +63,14 @@ def explicit_balance(block: Block, o: SampleState, s: Step, acting: Frame) -> Ar
 
 
 def _elongation(p: Parameters, o: SampleState) -> tuple[Array, Array]:
-    """(n, 2) length and angle minus their references, and the size."""
+    """(n, 2) length and angle minus their references where springs act, and the size.
+
+    In the middle of the step on an exact plant, at the sample on a semi-implicit one.
+    """
     reference = np.where(np.isnan(p.reference), o.start, p.reference)
-    return o.position - reference, o.position_size + np.abs(reference)
+    ahead = np.where(p.explicit, 0.0, 0.5 * p.h)[:, None]
+    u = o.position + ahead * o.w[:, FREE] - reference
+    return u, o.position_size + ahead * o.w_size[:, FREE] + np.abs(reference)
 
 
 def _middle_frame(p: Parameters, o: SampleState) -> Frame:

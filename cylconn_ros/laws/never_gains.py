@@ -6,7 +6,8 @@ work W. With the spring energy V and the work D of the drives
 
     gain = W + V+ - V - D,      rise <- max(rise + gain, 0) <= bound
 
-bound: ALLOWED_RISE of the kinetic energy of the bodies' relative motion plus the energy of pull-in.
+bound: ALLOWED_RISE of the kinetic energy of the bodies' relative motion, and the energy of pull-in
+as far as it exceeds that; or what a spring stores without the wrench, if that is more.
 A gain within TOLERANCE of the energy exchanged in the step is not counted. A single sample begins
 with the rise 0; the samples of a run are summed. The law concerns steps in which the wrench turns
 by more than LEAST_TURN against the arms (|w| h times arm over radius of gyration).
@@ -45,6 +46,7 @@ class Gains:
     gain: Array
     exchanged: Array
     bound: Array
+    least: Array  # gain without the wrench: what springs store
     applies: Bools
 
 
@@ -61,13 +63,13 @@ def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
     in_order: the samples follow each other, so that gains add up.
     """
     g = gains(block, o, s, MOST_TURN if in_order else MOST_TURN_ALONE)
-    excess = np.maximum(g.gain - g.bound * (1.0 + SLACK), 0.0)
+    bound = g.bound * (1.0 + SLACK)
+    excess = np.maximum(g.gain - np.maximum(bound, g.least), 0.0)
     if in_order:
         rise = 0.0
         for k in np.flatnonzero(g.applies):
-            rise = max(rise + g.gain[k], 0.0)
-            excess[k] = max(min(rise - g.bound[k] * (1.0 + SLACK), g.gain[k]), 0.0)
-            rise = min(rise, g.bound[k] * (1.0 + SLACK))
+            excess[k] = max(g.gain[k] - max(bound[k] - rise, g.least[k], 0.0), 0.0)
+            rise = min(max(rise + g.gain[k], 0.0), bound[k])
     size = np.maximum(g.exchanged + g.bound, 1e-300)
     return np.where(g.applies, excess / size, np.nan)
 
@@ -78,31 +80,37 @@ def gains(block: Block, o: SampleState, s: Step, most_turn: float = MOST_TURN) -
     if block.elements is not None:
         p, out = block.elements.original
     with np.errstate(all="ignore"):
-        a = _path(p, p.a, o.a, block.sample[:, layout.A_LOAD : layout.B_LOAD], out[:, 0:6])
-        b = _path(p, p.b, o.b, block.sample[:, layout.B_LOAD :], out[:, 6:12])
+        far = p.h * np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin)) * _arm_ratio(p, o)
+        far = far > LEAST_TURN
+        load_a = block.sample[:, layout.A_LOAD : layout.B_LOAD]
+        load_b = block.sample[:, layout.B_LOAD :]
+        a = _path(p, p.a, o.a, load_a, out[:, 0:6], far)
+        b = _path(p, p.b, o.b, load_b, out[:, 6:12], far)
         gain, exchanged = a.work + b.work, np.abs(a.work) + np.abs(b.work)
-        stored, drive, moved = _springs_and_drives(p, o, out, a.end, b.end)
-        if block.elements is not None:
-            stored = stored + block.elements.stored(moved)
-        share = _sent_share(p, o, s, out)  # a scaled spring exchanges a share of its energy
-        stored, drive = share * stored, share * drive
+        stored, drive = _springs_and_drives(block, p, o, out, a.end, b.end)
+        drive = _sent_share(p, o, s, out) * drive
         gain = gain + stored - drive
         exchanged = exchanged + np.abs(stored) + np.abs(drive)
         gain = np.where(
             gain > 0.0, np.maximum(gain - TOLERANCE * (1 + SLACK) * exchanged, 0.0), gain
         )
-        bound = ALLOWED_RISE * _relative_energy(p, o) + _pull_in_energy(p, o, s)
+        moving = _relative_energy(p, o)
+        bound = ALLOWED_RISE * moving + np.maximum(_pull_in_energy(p, o, s) - moving, 0.0)
         turn = np.maximum(a.turn, b.turn)
-        far = p.h * np.maximum(rigid.norm(o.a.spin), rigid.norm(o.b.spin)) * _arm_ratio(p, o)
-        applies = (far > LEAST_TURN) & (turn < most_turn) & np.isfinite(gain)
+        applies = far & (turn < most_turn) & np.isfinite(gain)
         # the reaction of a drive that a stop can hold back is not all its own
         held_back = np.isfinite(p.stops).any(axis=2) & p.imposed
         if block.elements is not None:
             held_back |= block.elements.compliant & p.imposed
         applies &= ~held_back.any(axis=1)
+        beyond = applies & (gain > bound)  # a spring may store more without the wrench
+        none = np.zeros_like(out[:, 0:6])
+        a0 = _path(p, p.a, o.a, load_a, none, beyond)
+        b0 = _path(p, p.b, o.b, load_b, none, beyond)
+        least = np.where(beyond, _springs_and_drives(block, p, o, out, a0.end, b0.end)[0], 0.0)
     if WITHOUT_STOPS:
         applies &= (out[:, layout.STOP] == 0) & (out[:, layout.RESTITUTION] == 0.0)
-    return Gains(gain, exchanged, bound, applies)
+    return Gains(gain, exchanged, bound, least, applies)
 
 
 def _sent_share(p: Parameters, o: SampleState, s: Step, out: Array) -> Array:
@@ -155,9 +163,9 @@ def _pull_in_energy(p: Parameters, o: SampleState, s: Step) -> Array:
 
 
 def _springs_and_drives(
-    p: Parameters, o: SampleState, out: Array, a: Motion, b: Motion
-) -> tuple[Array, Array, Array]:
-    """(n,) change of spring energy, work of imposed forces and motions in the step, J; motion."""
+    block: Block, p: Parameters, o: SampleState, out: Array, a: Motion, b: Motion
+) -> tuple[Array, Array]:
+    """(n,) change of spring energy, and work of imposed forces and motions in the step, J."""
     f = frame(p, a, b, o.swing)
     arm = f.arm_a - rigid.out_of(rigid.matrix(a.orientation), p.a.node)
     slid = rigid.dot(f.axes[:, :, 0], arm) - o.position[:, 0]
@@ -166,14 +174,19 @@ def _springs_and_drives(
     rest = np.where(np.isnan(p.reference), o.start, p.reference)
     before = o.position - rest
     stored = 0.5 * np.sum(p.stiffness * moved * (2.0 * before + moved), axis=1)
+    if block.elements is not None:
+        stored = stored + block.elements.stored(moved)
     imposed = ~(np.isnan(p.command[:, :, 0]) & np.isnan(p.command[:, :, 1]))
     drive = out[:, [layout.FORCE_ACTUATION, layout.MOMENT_ACTUATION]]
     reaction = out[:, [layout.FORCE_REACTION, layout.MOMENT_REACTION]]
-    return stored, np.sum((drive + np.where(imposed, reaction, 0.0)) * moved, axis=1), moved
+    return stored, np.sum((drive + np.where(imposed, reaction, 0.0)) * moved, axis=1)
 
 
-def _path(p: Parameters, body: Bodies, m: Motion, load: Array, wrench: Array) -> _Path:
-    """Motion over the period under a published wrench (n, 6) and a load, and the wrench's work."""
+def _path(p: Parameters, body: Bodies, m: Motion, load: Array, wrench: Array, far: Bools) -> _Path:
+    """Motion over the period under a published wrench (n, 6) and a load, and the wrench's work.
+
+    far: (n,) rows of which they are asked for.
+    """
     force, torque = applied_wrench(p, body, m.orientation, m.orientation, wrench)
     known = load[:, 3:] + _lever(body, m.orientation, load[:, :3])
     rate = _rate_of_spin(body, m.orientation, m.spin, torque + known)
@@ -183,12 +196,16 @@ def _path(p: Parameters, body: Bodies, m: Motion, load: Array, wrench: Array) ->
     pendulum = np.sqrt(rigid.norm(load[:, :3]) * rigid.norm(body.com) / least)
     turn = turn + np.where(body.free, p.h * pendulum, 0.0)
     explicit = _semi_implicit(p, body, m, load, force, torque)
-    exact = _exact(p, body, m, load, force, torque, turn)
-    end = dataclasses.replace(m, **{
-        name: np.where(p.explicit[:, None], getattr(explicit[0], name), getattr(exact[0], name))
-        for name in ("com", "orientation", "velocity", "spin")
-    })  # fmt: skip
-    return _Path(end, np.where(p.explicit, explicit[1], exact[1]), turn)
+    rows = np.flatnonzero(far & ~p.explicit & (turn < MOST_TURN))
+    some, work_of = _exact(
+        p.take(rows), body.take(rows), m.take(rows),
+        load[rows], force[rows], torque[rows], turn[rows],
+    )  # fmt: skip
+    end, work = explicit[0], np.where(p.explicit, explicit[1], np.nan)
+    for name in ("com", "orientation", "velocity", "spin"):
+        getattr(end, name)[rows] = getattr(some, name)
+    work[rows] = work_of
+    return _Path(end, work, turn)
 
 
 def _lever(body: Bodies, q: Array, force: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
-from cylconn_ros.laws import rigid
+from cylconn_ros.laws import rigid, turning
 from cylconn_ros.laws.parameters import Bodies, Bools, Parameters, Rows
 from cylconn_ros.laws.sample_state import Motion, SampleState, frame, relative, violation
 from cylconn_ros.laws.step import (
@@ -229,36 +229,9 @@ def _turned(
 ) -> tuple[Array, Array]:
     """Orientation and angular velocity after h; ``torque`` is constant in world axes."""
     steps = 1 + (10.0 * turn).astype(np.int64)
-    dt = (p.h / steps)[:, None]
-    q = m.orientation
-    axes = rigid.matrix(q)
-    momentum = rigid.out_of(axes, rigid.out_of(body.inertia, rigid.into(axes, m.spin)))
-    for k in range(int(steps.max(initial=1))):
-        t1, k1 = torque + _lever_torque(body, q, pull), _spin(body, q, momentum)
-        q2 = rigid.turned(q, 0.5 * dt * k1)
-        t2 = torque + _lever_torque(body, q2, pull)
-        u = 0.5 * dt * k1
-        k2 = _rate(u, _spin(body, q2, momentum + 0.5 * dt * t1))
-        u = 0.5 * dt * k2
-        q3 = rigid.turned(q, u)
-        t3 = torque + _lever_torque(body, q3, pull)
-        k3 = _rate(u, _spin(body, q3, momentum + 0.5 * dt * t2))
-        u = dt * k3
-        q4 = rigid.turned(q, u)
-        t4 = torque + _lever_torque(body, q4, pull)
-        k4 = _rate(u, _spin(body, q4, momentum + dt * t3))
-        goes = (k < steps)[:, None]
-        q = np.where(goes, rigid.turned(q, dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)), q)
-        momentum = np.where(goes, momentum + dt / 6.0 * (t1 + 2.0 * t2 + 2.0 * t3 + t4), momentum)
-    return q, _spin(body, q, momentum)
-
-
-def _spin(body: Bodies, q: Array, momentum: Array) -> Array:
-    axes = rigid.matrix(q)
-    return rigid.out_of(axes, rigid.out_of(body.inverse_inertia, rigid.into(axes, momentum)))
-
-
-def _rate(u: Array, w: Array) -> Array:
-    """Rate of the rotation vector u for the angular velocity w, to fourth order."""
-    across = np.cross(u, w)
-    return np.asarray(w - 0.5 * across + np.cross(u, across) / 12.0)
+    q, spin = m.orientation.copy(), m.spin.copy()
+    torque, pull = np.ascontiguousarray(torque), np.ascontiguousarray(pull)
+    turning.turn(
+        body.com, body.inertia, body.inverse_inertia, torque, pull, p.h / steps, steps, q, spin
+    )
+    return q, spin

@@ -16,6 +16,7 @@ from cylconn_ros.core import layout
 from cylconn_ros.laws import never_gains
 from cylconn_ros.laws.balance import component_residual, wrench_residual
 from cylconn_ros.laws.bounds import Bounds, driven, stop_sides
+from cylconn_ros.laws.drives import gives_way
 from cylconn_ros.laws.explicit_methods import augmented_lagrangian, baumgarte, penalty
 from cylconn_ros.laws.guarantees import guaranteed_laws
 from cylconn_ros.laws.impact_friction import ImpactFriction, impact_friction
@@ -28,6 +29,8 @@ from cylconn_ros.laws.step import CONSTRAINED, FREE, Step, rates_from_wrench, re
 from cylconn_ros.laws.stops import bounds_of, stops
 
 Array = NDArray[np.float64]
+SOLVED = {"friction_limit", "slip_direction", "stick", "slip_averaging", "stops", "balance"}
+"""Laws that are not stated of a step that is flagged NOT_CONVERGED; the report counts them."""
 NEARLY_AT_REST = 1e-5  # of the change of a rate in a step
 
 
@@ -51,6 +54,10 @@ def check(block: Block, method: str = "impulse", in_order: bool = False) -> dict
         found["balance"] = np.maximum(found["balance"], block.elements.residual)
     usable = np.all(np.isfinite(block.out), axis=1) & (block.out[:, layout.STATUS] == 0)
     found["balance"] = np.maximum(found["balance"], np.where(usable, 0.0, np.inf))
+    # flagged: no solution was found where friction jumps at a kink of a table
+    unsolved = block.out[:, layout.FLAGS].astype(np.int64) & layout.NOT_CONVERGED != 0
+    for law in SOLVED & found.keys():
+        found[law] = np.where(unsolved & usable, np.nan, found[law])
     return {law: found[law] for law in guaranteed_laws(method)}
 
 
@@ -110,7 +117,8 @@ def _rests(p: Parameters, o: SampleState, s: Step, out: Array, b: Bounds) -> Boo
     w = o.w[:, FREE]
     slow = np.abs(w) <= NEARLY_AT_REST * np.abs(s.free[:, FREE] - w)
     untouched = out[:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]] == 0.0
-    return np.asarray(b.rests(out) | (at_stop & (beside | (slow & untouched))))
+    held = b.rests(out) & ~gives_way(p, out, b)
+    return np.asarray(held | (at_stop & (beside | (slow & untouched))))
 
 
 def wrench_size(p: Parameters, o: SampleState, s: Step, out: Array, end: Array) -> Array:

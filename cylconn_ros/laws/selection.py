@@ -100,6 +100,7 @@ def check(block: Block) -> SelectionCheck:
     rows &= even | held.any(axis=1)
     rows &= ~rests.all(axis=1)  # friction has no share there: the law of stops
     rows &= ~(b.followed & (b.impact != 0.0)).any(axis=1)  # that of the impact
+    rows &= out[:, layout.FLAGS].astype(np.int64) & layout.NOT_CONVERGED == 0
     index = np.flatnonzero(rows)
     q = q.take(index)
     given = out[index][:, [layout.FORCE_FRICTION, layout.MOMENT_FRICTION]]

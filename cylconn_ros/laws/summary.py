@@ -13,7 +13,9 @@ from cylconn_ros.laws.normalised import TOLERANCE
 
 Array = NDArray[np.float64]
 
-REGIMES = ("slip", "stick", "frictionless", "several roots", "jam", "stop", "restitution")
+REGIMES = (
+    "slip", "stick", "frictionless", "several roots", "jam", "stop", "restitution", "not converged",
+)  # fmt: skip
 REQUIRED_REGIMES = ("slip", "stick", "several roots", "jam", "stop", "restitution")
 LEAST_SHARE = 0.01
 """Share of the random samples that each required regime has to reach."""
@@ -105,4 +107,5 @@ def regimes(out: Array) -> dict[str, NDArray[np.bool_]]:
         "jam": flags & layout.JAMMED != 0,
         "stop": out[:, layout.STOP] != 0,
         "restitution": out[:, layout.RESTITUTION] > 0.0,
+        "not converged": flags & layout.NOT_CONVERGED != 0,
     }

@@ -46,7 +46,7 @@ from cylconn_ros.core.vectors import (
 )
 from cylconn_ros.methods.free_axes.complementarity import ReducedStep, reactions
 from cylconn_ros.methods.impulse import constraint_residual, correction_rate, eliminate_constraint
-from cylconn_ros.methods.sampled_elements import sampled_elements
+from cylconn_ros.methods.sampled_elements import elongation, sampled_elements
 
 FEEDBACK = 0.2  # default of alpha h and beta h
 
@@ -73,9 +73,8 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     target, far = _target(par, o, h, feedback_gain(par, mem))
     r = eliminate_constraint(g, free, none, target, 1.0)
 
-    at, ref = model.ELASTICITY, model.REFERENCE
-    u1 = o.length - model.value_or(par[ref + 2], mem[model.LENGTH0])
-    ur = o.angle - model.value_or(par[ref + 3], mem[model.ANGLE0])
+    at = model.ELASTICITY
+    u1, ur = elongation(par, mem, o, h, 0)[0], elongation(par, mem, o, h, 1)[0]
     spring = (-par[at] * u1, -par[at + 1] * ur)
     damper = (-par[at + 2] * o.twist.v[0], -par[at + 3] * o.twist.w[0])
     drive = (imposed_force(par, 0), imposed_force(par, 1))

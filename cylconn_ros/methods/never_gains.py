@@ -10,14 +10,17 @@ of the drives on slide and spin give the energy that the step puts into the bodi
 A step of second order gains and loses a share of (|w| h)^2 of the energy in turns. What counts is
 the sum, from its least value on:
 
-    rise <- max(rise + gain, 0) <= ALLOWED_RISE T + 1/2 u G_cc^-1 u
+    rise <- max(rise + gain, 0) <= ALLOWED_RISE T + max(1/2 u G_cc^-1 u - T, 0)
 
 with T the kinetic energy of the bodies' relative motion and the energy of pull-in at the rate
-u = -e/h, at most the pull-in speed. Requiring gain <= 0 of each step would give the constraint up
-where it is kept well: offsets of 0.2 mm became 0.4 m.
+u = -e/h, at most the pull-in speed, which bodies that move faster have already. A scaled wrench
+takes less energy than a spring stores meanwhile: that counts as gain, and a later step returns less
+of it. Without a wrench the bodies then gain what the spring stores, and no factor need do
+better. Requiring gain <= 0 of each step would give the constraint up where it is kept well: offsets
+of 0.2 mm became 0.4 m.
 
 Where the bound would be exceeded, the wrenches on both bodies are scaled by one factor, like those
-of output limits: the greatest factor found that keeps to it. No wrench, factor 0, gains nothing.
+of output limits: the greatest factor found that keeps to it. No wrench, factor 0, gains nothing but what springs store.
 The flag GAINS_LOWERED reports it.
 """
 
@@ -125,7 +128,7 @@ def energy_gain(
         stored = spring_energy_of(par, mem, o.length + slid, o.angle + spun)
         stored -= spring_energy_of(par, mem, o.length, o.angle)
         work = mem[model.LAST_ACTUATION] * slid + mem[model.LAST_ACTUATION + 1] * spun
-        stored *= share * limited  # a scaled spring exchanges a share of its energy
+        # a scaled wrench takes or returns less than the spring stores or gives: the rest counts
         gain += stored - share * limited * work
         exchanged += abs(stored) + abs(work)
     return gain - TOLERANCE * exchanged if gain > 0.0 else gain
@@ -166,17 +169,21 @@ def kept_share(
     w: ComWrenches, limited: float, h: float,
 ) -> float:  # fmt: skip
     """The factor on the wrenches with which the bodies gain no energy; the rise is stored."""
-    bound = ALLOWED_RISE * _relative_energy(o) + pull_in_energy(par, o, g, h)
-    room = max(bound - mem[model.ENERGY_RISE], 0.0)
+    moving = _relative_energy(o)
+    bound = ALLOWED_RISE * moving + max(pull_in_energy(par, o, g, h) - moving, 0.0)
+    room = bound - mem[model.ENERGY_RISE]
     gain = energy_gain(par, mem, sample, o, halves, w, limited, 1.0, h)
     share = 1.0
-    if not gain <= room:
-        low, high, share, gain = 0.0, 1.0, 0.0, 0.0
+    if not gain <= max(room, 0.0):
+        share, low, high = 0.0, 0.0, 1.0
+        gain = energy_gain(par, mem, sample, o, halves, w, limited, 0.0, h)
+        least = max(room, gain)
         while high - low > RESOLUTION * high and high > LEAST_SHARE:
             middle = 0.5 * (low + high)
             found = energy_gain(par, mem, sample, o, halves, w, limited, middle, h)
-            if found <= room:
+            if found <= least:
                 low, share, gain = middle, middle, found
+                least = max(room, gain)  # a spring stores more without its force than with it
             else:
                 high = middle
     mem[model.ENERGY_RISE] = max(mem[model.ENERGY_RISE] + gain, 0.0)

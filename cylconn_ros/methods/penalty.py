@@ -12,8 +12,10 @@ phi. The wrench acts in the configuration at the half of the step: held as at it
 that turns a body round points ahead of it on the mean and feeds its rotation, by (|w| h)^2 of the
 energy in each step. A semi-implicit plant takes it as at the start.
 
-With ``latency: -1`` gains that put in energy are lowered (methods/passivity_controller.py): of the
-constraint, and of stick, stops, locks and drives on slide and spin.
+Gains that put in energy are lowered (methods/passivity_controller.py): of the constraint, and of
+stick, stops, locks and drives on slide and spin. Gains that suit one position can be too great in
+another, where the slide has lengthened an arm. They stay where known wrenches act late, as the
+energy that late springs return is not theirs.
 
 A sampled spring is stable for k <= m/h^2 and c of the order of m/h, with m the mass of the lighter
 body. The user chooses the gains, since the connector does not know m. Restitution follows from the
@@ -43,7 +45,7 @@ from cylconn_ros.core.vectors import add_scaled, scale, turned
 from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.drives.spring import drive_force, is_moved_from
 from cylconn_ros.methods.passivity_controller import OUT_OF_NOISE, Two
-from cylconn_ros.methods.sampled_elements import sampled_elements
+from cylconn_ros.methods.sampled_elements import elongation, sampled_elements
 
 
 @device_function
@@ -54,7 +56,7 @@ def step(par: Array, mem: Array, sample: Array, h: float, out: Array) -> int:
     e, v, w = o.error, o.twist.v, o.twist.w
     watch_free_axes(par, mem, o)
     watch_constraint(par, mem, o, 0.0)
-    if adapts_gains(par):
+    if adapts_gains(par, mem):
         passivity_controller.watch_reversals(mem, passivity_controller.section(0), (v[1], v[2]))
         passivity_controller.watch_reversals(mem, passivity_controller.section(1), (w[1], w[2]))
     y, z, low = _block(par, mem, 0, par[at], par[at + 2], (e[0], e[1]), (v[1], v[2]))
@@ -70,7 +72,7 @@ def shares(par: Array, mem: Array, block: int) -> tuple[float, float]:
     """Shares of stiffness and damping in use, of offsets (block 0) or swings (1)."""
     alpha = feedback_gain(par, mem)
     k, c = alpha * alpha, alpha
-    if adapts_gains(par):
+    if adapts_gains(par, mem):
         lowered = passivity_controller.shares(mem, passivity_controller.section(block))
         k, c = lowered[0] * k, lowered[1] * c
     return k, c
@@ -80,7 +82,7 @@ def shares(par: Array, mem: Array, block: int) -> tuple[float, float]:
 def _free_axis_shares(par: Array, mem: Array, k: int) -> tuple[float, float]:
     """Shares of stiffness and damping in use on slide (k = 0) or spin (1)."""
     stiff, damp = shares(par, mem, k)
-    if adapts_gains(par):
+    if adapts_gains(par, mem):
         lowered = passivity_controller.shares(mem, passivity_controller.section(2 + k))
         stiff, damp = lowered[0] * stiff, lowered[1] * damp
     return stiff, damp
@@ -92,7 +94,7 @@ def watch_constraint(par: Array, mem: Array, o: RelativeState, least: float) -> 
 
     The rate must reach OUT_OF_NOISE times ``least`` (m/s, rad/s).
     """
-    if adapts_gains(par):
+    if adapts_gains(par, mem):
         v, w, grows = o.twist.v, o.twist.w, False
         for k in range(4):
             rate = v[1 + k] if k < 2 else w[k - 1]
@@ -111,7 +113,7 @@ def watch_constraint(par: Array, mem: Array, o: RelativeState, least: float) -> 
 @inline_function
 def watch_free_axes(par: Array, mem: Array, o: RelativeState) -> None:
     """Lower the gains of stick, stops, locks and drives on slide and spin if they put in energy."""
-    if adapts_gains(par):
+    if adapts_gains(par, mem):
         slide, spin = passivity_controller.section(2), passivity_controller.section(3)
         passivity_controller.watch_reversals(mem, slide, (o.twist.v[0], 0.0))
         passivity_controller.watch_reversals(mem, spin, (o.twist.w[0], 0.0))
@@ -122,7 +124,7 @@ def _are_lowered(par: Array, mem: Array) -> bool:
     """Whether gains on slide or spin are lowered."""
     slide, spin = passivity_controller.section(2), passivity_controller.section(3)
     at = passivity_controller.DAMPING_REDUCTION
-    return adapts_gains(par) and (mem[slide + at] > 0.0 or mem[spin + at] > 0.0)
+    return adapts_gains(par, mem) and (mem[slide + at] > 0.0 or mem[spin + at] > 0.0)
 
 
 @inline_function
@@ -132,7 +134,7 @@ def _block(
     """Constraint force on offsets (block 0) or swings (1); whether gains were lowered."""
     soft, damp = shares(par, mem, block)
     k, c = soft * k, damp * c
-    low = adapts_gains(par) and (soft < 1.0 or damp < 1.0)
+    low = adapts_gains(par, mem) and (soft < 1.0 or damp < 1.0)
     return -k * e[0] - c * w[0], -k * e[1] - c * w[1], low
 
 
@@ -143,9 +145,7 @@ def write_outputs(
     """Write friction, wrenches and state for a constraint force (f2 f3 m2 m3); the flags."""
     v, w = o.twist.v, o.twist.w
     elastic = model.ELASTICITY
-    ref = model.REFERENCE
-    u1 = o.length - model.value_or(par[ref + 2], mem[model.LENGTH0])
-    ur = o.angle - model.value_or(par[ref + 3], mem[model.ANGLE0])
+    u1, ur = elongation(par, mem, o, h, 0)[0], elongation(par, mem, o, h, 1)[0]
     spring = (-par[elastic] * u1, -par[elastic + 1] * ur)
     damper = (-par[elastic + 2] * v[0], -par[elastic + 3] * w[0])
     one, two = sampled_elements(par, mem, o, h, 0), sampled_elements(par, mem, o, h, 1)

@@ -170,8 +170,11 @@ def stop_bounds(
             continue
         target = contact_rate(par, mem, k, gap, rate, h)
         reach = REST_SHARE * abs(change) * h + ROUNDING * par[model.PULL_IN + k] * h
-        if change < 0.0 and abs(gap) <= reach and is_at_rest(par, k, w, 0.0, change):
+        still = is_at_rest(par, k, w, 0.0, change)
+        if change < 0.0 and abs(gap) <= reach and still:
             return without_stops(_one_sided(both, s, target, 0, s))
+        if gap < 0.0 and still:  # beyond the stop: pulled in, whatever the sign of its rounding
+            continue
         if feedback_gain(par, mem) < LEAST_FEEDBACK:
             both_now = _one_sided(both, s, target, 0, 0)
             both = (both_now.low, both_now.high)
