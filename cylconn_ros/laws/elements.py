@@ -271,7 +271,7 @@ class _One:
         """Forces of the linear spring and damper."""
         stiff, damp = self.linear
         if not self.solved:
-            return -stiff * self.u, -damp * self.w
+            return -stiff * (self.u + self.path(self.end)[0][0]), -damp * self.w
         mean = 0.5 * (self.w + self.end)
         return -stiff * (self.u + 0.5 * self.h * mean), -damp * mean
 

@@ -92,14 +92,18 @@ def penalty(block: Block, o: SampleState, s: Step) -> dict[str, Array]:
     w, w_size = o.w[:, CONSTRAINED], o.w_size[:, CONSTRAINED]
     error = out[:, CONSTRAINT] + stiff * o.error + damp * w
     constraint = worst(ratio(error, stiff * o.error_size + damp * w_size))
-    # lowered gains are not published
-    lowered = out[:, layout.FLAGS].astype(np.int64) & layout.GAINS_LOWERED != 0
     return {
-        "constraint": np.where(lowered, np.nan, constraint),
+        "constraint": _of_whole_gains(out, constraint),
         **_return_mapping(block, o),
-        "stops": _penalty_bounds(block, o),
+        "stops": _of_whole_gains(out, _penalty_bounds(block, o)),
         "balance": explicit_balance(block, o, s, _middle_frame(block.parameters, o)),
     }
+
+
+def _of_whole_gains(out: Array, residual: Array) -> Array:
+    """The residual where gains are as requested: lowered ones are not published."""
+    lowered = out[:, layout.FLAGS].astype(np.int64) & layout.GAINS_LOWERED != 0
+    return np.where(lowered, np.nan, residual)
 
 
 def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
@@ -115,7 +119,8 @@ def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
     rest = np.zeros_like(rate)
     slips, sticks = (out[:, layout.REGIME] == x for x in (layout.SLIP, layout.STICK))
     size = rigid.norm(trial_size)
-    cosine = along(-trial)
+    lowered = out[:, layout.FLAGS].astype(np.int64) & layout.GAINS_LOWERED != 0
+    cosine = np.where(lowered, along(-f.phi), along(-trial))
     slipping, resting = (limit(p, tables, r, f.normal, cosine) for r in (rate, rest))
     turned = rigid.norm(trial_size) / np.maximum(rigid.norm(trial), 1e-300)
     terms = limit_size(block, f, rate, rigid.norm(s_size))
@@ -138,8 +143,10 @@ def _return_mapping(block: Block, o: SampleState) -> dict[str, Array]:
     at_rest = ratio(beyond, limit_size(block, f, rest, rest))
     return {
         "friction_limit": np.where(slips, over, np.where(sticks, at_rest, no_friction)),
-        "slip_direction": np.where(slips, mapped, np.nan),
-        "stick": np.where(sticks, worst(ratio(f.phi - trial, trial_size)), np.nan),
+        "slip_direction": _of_whole_gains(out, np.where(slips, mapped, np.nan)),
+        "stick": _of_whole_gains(
+            out, np.where(sticks, worst(ratio(f.phi - trial, trial_size)), np.nan)
+        ),
     }
 
 
@@ -179,7 +186,7 @@ def augmented_lagrangian(block: Block, o: SampleState, s: Step) -> dict[str, Arr
     """Laws of augmented_lagrangian: those of penalty except for the constraint."""
     return {
         **_return_mapping(block, o),
-        "stops": _penalty_bounds(block, o),
+        "stops": _of_whole_gains(block.out, _penalty_bounds(block, o)),
         "balance": explicit_balance(block, o, s, _middle_frame(block.parameters, o)),
     }
 

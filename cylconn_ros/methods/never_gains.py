@@ -20,8 +20,8 @@ better. Requiring gain <= 0 of each step would give the constraint up where it i
 of 0.2 mm became 0.4 m.
 
 Where the bound would be exceeded, the wrenches on both bodies are scaled by one factor, like those
-of output limits: the greatest factor found that keeps to it. No wrench, factor 0, gains nothing but what springs store.
-The flag GAINS_LOWERED reports it.
+of output limits: the greatest factor found that keeps to it. No wrench, factor 0, gains nothing but
+what springs store. The flag GAINS_LOWERED reports it.
 """
 
 from typing import NamedTuple
