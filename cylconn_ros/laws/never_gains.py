@@ -48,6 +48,7 @@ class Gains:
     bound: Array
     least: Array  # gain without the wrench: what springs store
     applies: Bools
+    unresolved: Bools  # steps that turn too far to be integrated: what they gain is not known
 
 
 @dataclasses.dataclass
@@ -67,7 +68,10 @@ def residual(block: Block, o: SampleState, s: Step, in_order: bool) -> Array:
     excess = np.maximum(g.gain - np.maximum(bound, g.least), 0.0)
     if in_order:
         rise = 0.0
-        for k in np.flatnonzero(g.applies):
+        for k in np.flatnonzero(g.applies | g.unresolved):
+            if g.unresolved[k]:
+                rise = 0.0
+                continue
             excess[k] = max(g.gain[k] - max(bound[k] - rise, g.least[k], 0.0), 0.0)
             rise = min(max(rise + g.gain[k], 0.0), bound[k])
     size = np.maximum(g.exchanged + g.bound, 1e-300)
@@ -110,7 +114,7 @@ def gains(block: Block, o: SampleState, s: Step, most_turn: float = MOST_TURN) -
         least = np.where(beyond, _springs_and_drives(block, p, o, out, a0.end, b0.end)[0], 0.0)
     if WITHOUT_STOPS:
         applies &= (out[:, layout.STOP] == 0) & (out[:, layout.RESTITUTION] == 0.0)
-    return Gains(gain, exchanged, bound, least, applies)
+    return Gains(gain, exchanged, bound, least, applies, far & ~applies)
 
 
 def _sent_share(p: Parameters, o: SampleState, s: Step, out: Array) -> Array:

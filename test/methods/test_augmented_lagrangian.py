@@ -104,7 +104,7 @@ def test_two_free_bodies_keep_their_momentum() -> None:
     ],
 )
 def test_unstable_gains_are_lowered(stiffness: float, damping: float) -> None:
-    """Gains with which penalty diverges are lowered in time, flagged, and the motion is damped."""
+    """Gains with which a spring diverges are lowered in time, flagged, and the motion is damped."""
     arm = 0.1**2
     gains: dict[str, Any] = {
         "stiffness": stiffness,
@@ -115,10 +115,9 @@ def test_unstable_gains_are_lowered(stiffness: float, damping: float) -> None:
     }
     scene = sleeve(mass=2.0, inertia=[2.0 * arm, 0.0, 0.0, 2.0 * arm, 0.0, 2.0 * arm], v=0.1)
     lock_step = dataclasses.replace(unknown(scene, "penalty", **gains), latency=0)
-    diverged = run(lock_step, 2.0)
-    assert np.any(diverged.outs[:, layout.STATUS] != layout.OK) or (
-        diverged["offset_violation"].max() > 1.0
-    )
+    spring = run(lock_step, 2.0)
+    assert lowered(spring)[-1]
+    assert spring["offset_violation"].max() < 0.05  # what is left of it lets the weight sag
     found = run(unknown(scene, **gains), 4.0)
     assert lowered(found)[-1]
     violation = found["offset_violation"]
