@@ -15,6 +15,7 @@ COMMANDS = {
     "compile": "compile the physics into the cache: nodes and commands then start at once",
     "demo": "run plant and connector as two ROS 2 processes and check the recorded run",
     "simulate": "run a scene in this process, without ROS",
+    "sweep": "run many variants of a scene, one row of results a run",
     "replay": "run a recording through the connector again, also with other parameters",
     "info": "show the contents of a recorded run",
     "report": "write an HTML page of a recorded run: plots, friction disc, 3-D view, summary",
