@@ -17,6 +17,7 @@ COMMANDS = {
     "simulate": "run a scene in this process, without ROS",
     "sweep": "run many variants of a scene, one row of results a run",
     "replay": "run a recording through the connector again, also with other parameters",
+    "archive": "replay, identify or check many recordings, one row of results a recording",
     "info": "show the contents of a recorded run",
     "report": "write an HTML page of a recorded run: plots, friction disc, 3-D view, summary",
     "salvage": "recover the intact messages of a damaged run, or of one that was never closed",
