@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from cylconn_ros.report.findings import Findings, Plot, Section, Series, Table
 from cylconn_ros.report.page import Fact, render_findings
-from cylconn_ros.study.chunk import ERROR, ROW, STATUS
+from cylconn_ros.scene.parameter_file import parameters_of
+from cylconn_ros.study.chunk import ERROR, OK, ROW, STATUS
 from cylconn_ros.study.dataset import Dataset
 from cylconn_ros.study.sensitivity import Sensitivity, bins_of, sensitivities
 
@@ -24,11 +25,6 @@ Array = NDArray[np.float64]
 _DRAWN = 4000  # points of a plot
 _SCATTERS = 6
 _SHOWN_ERRORS = 8
-_NAMES = {  # texts of outputs in a heading
-    "jam": "jam",
-    "stop_time": "time of the final rest [s]",
-    "energy_lost": "energy lost [J]",
-}
 _EXPLAINED = (
     "Share of an output's variance that one parameter explains alone (first-order Sobol index), "
     "with the sign of its rank correlation. Shares that add up to less than 100 % leave room for "
@@ -39,10 +35,11 @@ _EXPLAINED = (
 def sweep_page(dataset: Dataset) -> str:
     """Return the HTML page of a sweep. Raises StudyError if no row is written."""
     table, names = dataset.table(), dataset.description["columns"]
-    good = np.asarray(table[STATUS]) == "ok"
-    inputs = {name: _column(table, name)[good] for name in names}
+    good = np.asarray(table[STATUS]) == OK
+    computed = table.filter(good)  # outputs of the other rows are null
+    inputs = {name: _column(computed, name) for name in names}
     outputs = {
-        name: _column(table, name)[good]
+        name: _column(computed, name)
         for name in dataset.description["outputs"]
         if str(table[name].type) in ("double", "int64", "bool")
     }
@@ -62,7 +59,7 @@ def sweep_page(dataset: Dataset) -> str:
     sources = [
         ("dataset", dataset.address),
         ("varied", ", ".join(names)),
-        ("simulated time", _seconds(description["duration"])),
+        ("simulated time", f"{_duration(description)} s"),
         ("made by", f"cylconn_ros {description['version']}"),
     ]
     findings = Findings(verdict, state, reasons, sections)
@@ -75,8 +72,11 @@ _OUTPUTS = (
 )
 
 
-def _seconds(duration: float | None) -> str:
-    return "of the scene (plant.duration)" if duration is None else f"{duration:g} s"
+def _duration(description: Mapping[str, Any]) -> str:
+    """Simulated time as text: that of the sweep, or of the scene."""
+    if description["duration"] is None:
+        return str(parameters_of(description["scene"])["plant.duration"])
+    return f"{description['duration']:g}"
 
 
 def _plural(count: int, noun: str) -> str:
@@ -166,7 +166,14 @@ def _distribution(outputs: Mapping[str, NDArray[Any]]) -> Table:
                 f"{finite.min():.5g} … {finite.max():.5g}", f"{low:.5g} … {high:.5g}",
             ]
         )  # fmt: skip
-    head = ("output", "runs", "median", "mean", "all within", "90 % within (jam: 95 % interval)")
+    head = (
+        "output",
+        "runs",
+        "median",
+        "mean",
+        "all within",
+        "90 % within (of a share: 95 % interval)",
+    )
     return Table(head, rows, frozenset(weak))
 
 

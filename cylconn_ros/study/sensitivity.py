@@ -51,7 +51,8 @@ def bins_of(values: NDArray[Any]) -> NDArray[np.intp]:
 
 def share(parameter: NDArray[Any], output: Array) -> float:
     """Share of the variance of ``output`` (n,) that ``parameter`` (n,) explains, 0 to 1."""
-    n, variance = len(output), float(np.var(output))
+    n = len(output)
+    variance = float(np.var(output)) if n else 0.0
     if n < 3 or not variance > 0.0:
         return 0.0
     which = bins_of(parameter)
