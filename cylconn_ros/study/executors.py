@@ -8,6 +8,7 @@ worker's death.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import signal
 import time
@@ -173,6 +174,7 @@ def _dask(scheduler: str, count: int, stack: contextlib.ExitStack) -> DaskEngine
         from distributed import Client, LocalCluster
     except ImportError:
         raise StudyError("--scheduler needs Dask: pip install '.[scale]'") from None
+    stack.enter_context(_silent())
     address: Any = scheduler
     if scheduler == LOCAL:
         address = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
@@ -188,3 +190,20 @@ def _dask(scheduler: str, count: int, stack: contextlib.ExitStack) -> DaskEngine
             client.close()
             raise StudyError(f"the scheduler {scheduler} has no worker")
     return DaskEngine(client, scheduler if scheduler != LOCAL else client.scheduler.address)
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Silence Dask's log: a death of a worker or of the scheduler is a page of tracebacks in it.
+
+    What it means for a study is a result or the text of an error.
+    """
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado.application")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
