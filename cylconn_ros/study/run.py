@@ -23,7 +23,10 @@ from cylconn_ros.study.rows import Rows
 Progress = Callable[[int, int], None]
 
 TASK_SECONDS = 1.0
-"""Work of a chunk, s: a scheduler that takes 1000 tasks a second then keeps 1000 workers busy."""
+"""Least work of a chunk, s, as far as there are rows enough."""
+TASKS_A_SECOND = 100.0
+"""Tasks that a scheduler takes, a third of what was measured (docs/scale): more workers need longer
+tasks."""
 MOST_ROWS_A_CHUNK = 10_000
 _LEAST_CHUNKS_A_WORKER = 4
 _MOST_DEATHS = 3
@@ -64,12 +67,14 @@ class Outcome:
 def chunk_size(seconds: float, rows: int, workers: int) -> int:
     """Rows of a chunk, 1, 2 or 5 times a power of ten.
 
-    About TASK_SECONDS of work, but at least four chunks a worker, so that all end together.
+    TASK_SECONDS of work, more for more than 100 workers, which a scheduler could not keep busy; but
+    at least four chunks a worker, so that all end together.
 
     Args:
         seconds: of one row. rows: of the study. workers: tasks at a time.
     """
-    most = min(TASK_SECONDS / max(seconds, 1e-9), rows / (_LEAST_CHUNKS_A_WORKER * workers))
+    work = max(TASK_SECONDS, workers / TASKS_A_SECOND)
+    most = min(work / max(seconds, 1e-9), rows / (_LEAST_CHUNKS_A_WORKER * workers))
     size = 1
     for step in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, MOST_ROWS_A_CHUNK):
         size = step if step <= most else size

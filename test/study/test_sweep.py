@@ -206,6 +206,7 @@ def test_chunks_follow_from_the_cost_of_a_row() -> None:
     assert chunk_size(5e-3, 10_000, 2) == 200  # a second of work
     assert chunk_size(5e-3, 100, 2) == 10  # at least four chunks a worker
     assert chunk_size(10.0, 100, 2) == 1
+    assert chunk_size(5e-3, 10**8, 1000) == 2000  # ten seconds: 100 tasks a second
     assert chunk_size(1e-7, 10**9, 2) == 10_000
 
 
