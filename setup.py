@@ -54,11 +54,15 @@ PEERS = [*BENCH, "drake>=1.30", "exudyn>=1.8", "pin>=3", "pybullet>=3.2.5; pytho
 DOCS = ["furo>=2024.8", "myst-parser>=4", "sphinx>=8.1"]
 BAGS = ["lz4>=4.3", "rosbags>=0.10"]
 TABLES = ["pandas>=2.2", "pyarrow>=16"]
+# SciPy draws samples, fsspec opens object stores, Dask distributes over machines.
+SCALE = [*FAST, "dask[distributed]>=2024.8", "fsspec>=2024.6", "pyarrow>=16", "scipy>=1.11"]
 TEST = [
     *BAGS,
     *BENCH,
     *DOCS,
+    *SCALE,
     "colcon-common-extensions",
+    "duckdb>=1",
     "hypothesis>=6.100",
     "mcap-ros2-support>=0.5",
     # Pinned, because findings depend on the version of the tool and of NumPy's types.
@@ -254,6 +258,7 @@ setup(
         "bags": BAGS,
         "docs": DOCS,
         "tables": TABLES,
+        "scale": SCALE,
         "test": TEST,
     },
     entry_points={

@@ -50,7 +50,8 @@ if TYPE_CHECKING:
         SpringTable,
     )
     from cylconn_ros.simulation.run import Run
-    from cylconn_ros.simulation.simulate import simulate, sweep
+    from cylconn_ros.simulation.simulate import simulate
+    from cylconn_ros.study.sweep import sweep
 
 __version__ = "0.1.0"
 
@@ -99,7 +100,8 @@ _MODULES = {
         "RotationalDamperTable",
     ),
     "simulation.run": ("Run",),
-    "simulation.simulate": ("simulate", "sweep"),
+    "simulation.simulate": ("simulate",),
+    "study.sweep": ("sweep",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -37,6 +37,10 @@ class ProcessError(CylconnError, RuntimeError):
     """A child process does not start, ends early or does not respond; the message says which."""
 
 
+class StudyError(CylconnError):
+    """Many runs or recordings cannot be worked through, or their results cannot be written."""
+
+
 class UnknownNameError(CylconnError, KeyError):
     """A field or topic of this name does not exist; the message lists the names."""
 

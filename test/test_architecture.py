@@ -19,6 +19,7 @@ LAYERS = (
     ("connector", "process", "importing"),
     ("simulation", "messages", "recording", "mujoco"),
     ("reference", "identification", "laws", "report", "replay", "ros"),
+    ("study",),
     ("bench",),
     ("cli",),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cylconn_ros.cli.summary import GREATEST, RunSummary
+from cylconn_ros.connector.summary import GREATEST, RunSummary
 
 _WIDTH = 26
 

@@ -9,7 +9,7 @@ import numpy as np
 from cylconn_ros.cli import changes, simulate
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.cli.replay_report import lacking
-from cylconn_ros.cli.summary import RunSummary, summarise
+from cylconn_ros.connector.summary import RunSummary, summarise
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.bag import Bag
 from cylconn_ros.recording.run import Run

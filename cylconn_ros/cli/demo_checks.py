@@ -9,7 +9,7 @@ import numpy as np
 
 from cylconn_ros.cli import scenes
 from cylconn_ros.cli.checks import Check, against, below, equal
-from cylconn_ros.cli.summary import summarise
+from cylconn_ros.connector.summary import summarise
 from cylconn_ros.recording.run import Run
 from cylconn_ros.reference import Reference, slide_and_spin
 from cylconn_ros.scene.inputs import INPUTS

@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--known",
-        type=_known,
+        type=known_parameter,
         action="append",
         default=[],
         metavar="NAME[=VALUE]",
@@ -227,7 +227,7 @@ def _check(options: argparse.Namespace) -> None:
         raise CommandError(f"{options.plot}: a picture must end in one of {', '.join(_PICTURES)}")
 
 
-def _known(text: str) -> tuple[str, float | None]:
+def known_parameter(text: str) -> tuple[str, float | None]:
     """Parse a value of --known; None: use the parameter's value."""
     name, _, value = text.partition("=")
     name = name.removeprefix("friction.")

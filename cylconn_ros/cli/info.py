@@ -25,8 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cylconn_ros.cli.checks import add_connector, add_recording
-from cylconn_ros.cli.summary import FIELDS, GREATEST, Reduction, RunSummary
 from cylconn_ros.connector.enums import REGIMES
+from cylconn_ros.connector.summary import FIELDS, GREATEST, Reduction, RunSummary
 from cylconn_ros.errors import CommandError, RecordingError
 from cylconn_ros.recording import export
 from cylconn_ros.recording.run import Run, read_run

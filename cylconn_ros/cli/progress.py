@@ -11,10 +11,14 @@ _WIDTH = 36
 
 
 class Progress:
-    """Progress of a known amount of work; a context manager, called with (done, total)."""
+    """Progress of a known amount of work; a context manager, called with (done, total).
 
-    def __init__(self, label: str, stream: TextIO | None = None) -> None:
-        self._label = label
+    With ``unit``, the name of what is counted, rate and time left are shown.
+    """
+
+    def __init__(self, label: str, stream: TextIO | None = None, unit: str = "") -> None:
+        self._label, self._unit = label, unit
+        self._first: tuple[int, float] | None = None
         self._stream = stream or sys.stderr
         self._terminal = self._stream.isatty()
         self._start = time.monotonic()
@@ -34,6 +38,7 @@ class Progress:
         """Show the progress; a bar is redrawn at most twenty times a second."""
         now = time.monotonic()
         share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0
+        rate = self._rate(done, total, now)
         if self._terminal:
             if now - self._drawn < 0.05 and share < 1.0:
                 return
@@ -41,11 +46,23 @@ class Progress:
             filled = round(share * _WIDTH)
             bar = "#" * filled + "." * (_WIDTH - filled)
             elapsed = now - self._start
-            self._write(f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s")
+            self._write(f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s{rate}")
             self._open_line = True
         elif int(share * 10.0) > self._tenths:
             self._tenths = int(share * 10.0)
-            self._write(f"{self._label}: {10 * self._tenths}%\n")
+            self._write(f"{self._label}: {10 * self._tenths}%{rate}\n")
+
+    def _rate(self, done: int, total: int, now: float) -> str:
+        """Rate since the first call and time left, if a unit was given; work resumed counts not."""
+        if not self._unit:
+            return ""
+        if self._first is None:
+            self._first = (done, now)
+        before, since = self._first
+        if done <= before or now <= since:
+            return ""
+        rate = (done - before) / (now - since)
+        return f", {rate:.3g} {self._unit}/s, {duration((total - done) / rate)} left"
 
     def close(self) -> None:
         """End the line of the bar."""
@@ -67,3 +84,13 @@ class Progress:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def duration(seconds: float) -> str:
+    """Seconds as text: ``8 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -18,7 +18,7 @@ import math
 from pathlib import Path
 
 from cylconn_ros.cli.checks import add_connector, add_recording
-from cylconn_ros.cli.summary import FIELDS, Reduction, RunSummary
+from cylconn_ros.connector.summary import FIELDS, Reduction, RunSummary
 from cylconn_ros.errors import CommandError
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.report import gather, page, payload

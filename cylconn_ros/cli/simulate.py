@@ -27,8 +27,8 @@ import cylconn_ros
 from cylconn_ros.cli import changes, checks, scenes, simulate_several
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.summary import RunSummary, summarise
 from cylconn_ros.connector.start import start_warnings
+from cylconn_ros.connector.summary import RunSummary, summarise
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.methods.traits import TRAITS

@@ -19,8 +19,8 @@ from cylconn_ros.cli import checks
 from cylconn_ros.cli import scenes as scene_files
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.cli.summary import FIELDS, summarise
 from cylconn_ros.connector.outputs import column
+from cylconn_ros.connector.summary import FIELDS, summarise
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CommandError
 from cylconn_ros.messages.topic_names import topic

@@ -20,7 +20,7 @@ from cylconn_ros.scene.behaviour import Friction
 from cylconn_ros.scene.bodies import Body, Node
 from cylconn_ros.scene.fields import SceneFields, schema, value_of
 from cylconn_ros.scene.resources import shipped
-from cylconn_ros.scene.schema import Parameter, flatten, groups, show
+from cylconn_ros.scene.schema import Parameter, field_names, flatten, groups, show
 
 __all__ = [
     "Body",
@@ -65,8 +65,8 @@ class Scene(SceneFields):
             if name in ("body_a.frame", "body_b.frame"):
                 given = given or rules.default  # not named in code
             values[name] = () if given is None else rules.check(given)
-        for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, _take(Scene, field.name, "", values))
+        for name in field_names(Scene):
+            object.__setattr__(self, name, _take(Scene, name, "", values))
         validation.check(self)
 
     @classmethod
@@ -88,7 +88,7 @@ class Scene(SceneFields):
             if rules.required and name not in values:
                 raise SceneError(f"{name}: is required and not given; must be {rules.rule}")
             values.setdefault(name, rules.default)
-        return cls(**{f.name: _take(cls, f.name, "", values) for f in dataclasses.fields(cls)})
+        return cls(**{name: _take(cls, name, "", values) for name in field_names(cls)})
 
     def replace(self, changes: Mapping[str, Any]) -> Scene:
         """A new scene with some parameters changed, by dotted or nested names.
@@ -187,8 +187,8 @@ def _take(cls: type, name: str, prefix: str, values: Mapping[str, Any]) -> Any:
     for group_name, group_cls, absent in groups(cls):
         if group_name == name:
             below = f"{prefix}{name}."
-            fields = dataclasses.fields(group_cls)
-            made = {f.name: _take(group_cls, f.name, below, values) for f in fields}
+            names = field_names(group_cls)
+            made = {part: _take(group_cls, part, below, values) for part in names}
             return None if absent and not any(made.values()) else group_cls(**made)
     return values[prefix + name]
 

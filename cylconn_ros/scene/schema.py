@@ -12,7 +12,7 @@ import array
 import dataclasses
 import math
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -228,11 +228,26 @@ def describe(
     return table
 
 
-def groups(cls: type) -> Iterator[tuple[str, type, bool]]:
+_GROUPS: dict[type, tuple[tuple[str, type, bool], ...]] = {}
+_NAMES: dict[type, tuple[str, ...]] = {}  # both are asked for at every scene that is made
+
+
+def groups(cls: type) -> tuple[tuple[str, type, bool], ...]:
     """Name, class and ``absent`` flag of each group directly in ``cls``."""
-    for field in dataclasses.fields(cls):
-        if "group" in field.metadata:
-            yield field.name, field.metadata["group"], field.metadata["absent"]
+    if cls not in _GROUPS:
+        _GROUPS[cls] = tuple(
+            (field.name, field.metadata["group"], field.metadata["absent"])
+            for field in dataclasses.fields(cls)
+            if "group" in field.metadata
+        )
+    return _GROUPS[cls]
+
+
+def field_names(cls: type) -> tuple[str, ...]:
+    """Names of the parameters and groups directly in ``cls``, in order."""
+    if cls not in _NAMES:
+        _NAMES[cls] = tuple(field.name for field in dataclasses.fields(cls))
+    return _NAMES[cls]
 
 
 def flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

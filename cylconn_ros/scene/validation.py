@@ -62,12 +62,14 @@ def _traits(scene: SceneFields) -> MethodTraits:
 
 
 def _check_served(scene: SceneFields) -> None:
-    rules = scene.schema()
+    if _traits(scene).has_limits:  # nothing is ignored; the search below takes most of the time
+        _check_latency(scene)
+        return
+    rules, bounds = scene.schema(), _bounds(scene)
     for name, value in scene.parameters().items():
         if name == "latency":
             _check_latency(scene)
-        ignored = name.startswith(_bounds(scene)) and not _traits(scene).has_limits
-        if ignored and show(value) != show(rules[name].default):
+        if name.startswith(bounds) and show(value) != show(rules[name].default):
             raise SceneError(
                 f"{name} = {show(value)}: the method {scene.method} has no stops, locks or imposed "
                 "motion; remove it, or use impulse"

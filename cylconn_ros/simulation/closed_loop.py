@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -66,29 +67,76 @@ def run_loop(
         plant.step_late(plant_par, state, sent, acting, loads, delay, period)
 
 
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """Consecutive samples of a run: views whose content the next block may replace.
+
+    Attributes
+    ----------
+        time: (n,) s. states: (n, 26) poses and twists of both bodies. outs: (n, NOUT).
+        energy: (n,) J.
+    """
+
+    time: Array
+    states: Array
+    outs: Array
+    energy: Array
+
+
+class ClosedLoop:
+    """Plant and connector in lock step; wrenches act late as ``plant.latency`` says.
+
+    Attributes
+    ----------
+        plant, connector: as they are after the last period.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.plant, self.connector = Plant(scene), Connector(scene)
+        self._delay = scene.plant_latency
+        self._sent, self._acting = np.zeros((int(self._delay) + 1, 12)), np.zeros(12)
+
+    def advance(self, samples: Array, outs: Array, energy: Array) -> None:
+        """Run as many periods as the arrays (n, NSAMPLE), (n, NOUT) and (n,) have rows.
+
+        One compiled call, which releases the interpreter's lock.
+        """
+        handle, par, mem, period = self.connector.kernel_arguments()
+        plant = self.plant
+        run_loop(
+            handle, par, mem, period, plant.par, plant.state, plant.loads,
+            self._delay, self._sent, self._acting, samples, outs, energy,
+        )  # fmt: skip
+        plant.move(plant.state, plant.steps + len(samples))
+
+    def blocks(self, samples: int) -> Iterator[Block]:
+        """Run ``samples`` periods in blocks, in memory that does not grow with their number."""
+        size = min(samples, _BLOCK)
+        rows, outs = np.empty((size, layout.NSAMPLE)), np.empty((size, layout.NOUT))
+        energy = np.empty(size)
+        for first in range(0, samples, _BLOCK):
+            n = min(_BLOCK, samples - first)
+            time = np.asarray(np.arange(first, first + n) * self.plant.period_ns * 1e-9, float)
+            self.advance(rows[:n], outs[:n], energy[:n])
+            yield Block(time, rows[:n, layout.MOTION], outs[:n], energy[:n])
+
+
 def closed_loop(scene: Scene, samples: int, progress: Progress | None = None) -> Run:
     """Run plant and connector in lock step for ``samples`` samples; see simulate().
 
     The plant delays the wrenches by ``plant.latency``.
     """
-    bodies, connector = Plant(scene), Connector(scene)
-    handle, par, mem, period = connector.kernel_arguments()
+    loop = ClosedLoop(scene)
     rows = np.empty((samples, layout.NSAMPLE))
     outs = np.empty((samples, layout.NOUT))
     energy = np.empty(samples)
-    delay = scene.plant_latency
-    sent, acting = np.zeros((int(delay) + 1, 12)), np.zeros(12)
     for first in range(0, samples, _BLOCK):
         part = slice(first, min(first + _BLOCK, samples))
-        run_loop(
-            handle, par, mem, period, bodies.par, bodies.state, bodies.loads,
-            delay, sent, acting, rows[part], outs[part], energy[part],
-        )  # fmt: skip
+        loop.advance(rows[part], outs[part], energy[part])
         if progress is not None:
             progress(part.stop, samples)
-    bodies.move(bodies.state, samples)
-    time = times(scene, samples)
-    return Run(scene, time, rows[:, layout.MOTION], outs, energy, connector, bodies)
+    time, states = times(scene, samples), rows[:, layout.MOTION]
+    return Run(scene, time, states, outs, energy, loop.connector, loop.plant)
 
 
 def times(scene: Scene, samples: int) -> Array:

@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_MOTION = {
+MOTION = {
     "pose_a": slice(layout.A_POSE, layout.A_POSE + 7),
     "twist_a": slice(layout.A_TWIST, layout.A_TWIST + 6),
     "pose_b": slice(layout.B_POSE, layout.B_POSE + 7),
     "twist_b": slice(layout.B_TWIST, layout.B_TWIST + 6),
 }
+"""Name of each part of the states of a run and its place in them."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Run:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns."""
-        return ("time", *_MOTION, *COLUMNS, "energy")
+        return ("time", *MOTION, *COLUMNS, "energy")
 
     def __repr__(self) -> str:
         """Number of samples and their time."""
@@ -104,8 +105,8 @@ class Run:
         if name in ("time", "energy"):
             found: Array = getattr(self, name)
             return found
-        if name in _MOTION:
-            return self.states[:, _MOTION[name]]
+        if name in MOTION:
+            return self.states[:, MOTION[name]]
         if name not in COLUMNS:
             raise UnknownNameError(name, self.names)
         found = column(self.outs, name)

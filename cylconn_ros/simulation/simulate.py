@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import product
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +16,12 @@ from cylconn_ros.methods.traits import LIVE
 from cylconn_ros.scene.packing import choose_method
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
-from cylconn_ros.simulation.closed_loop import Progress, closed_loop, times
+from cylconn_ros.simulation.closed_loop import Block, ClosedLoop, Progress, closed_loop, times
 from cylconn_ros.simulation.plant import Plant
 from cylconn_ros.simulation.run import Accuracy, Run
 from cylconn_ros.simulation.to_tolerance import motion, offline
 
-__all__ = ["Run", "simulate", "sweep"]
+__all__ = ["Run", "simulate", "simulate_blocks"]
 
 Array = NDArray[np.float64]
 
@@ -63,18 +59,40 @@ def simulate(
         samples = samples_of(scene, duration)
     elif duration is not None:
         raise ValueError(f"samples = {samples}: must not be given together with duration")
-    to_tolerance = scene.tolerance > 0.0 and scene.method == "auto"
-    if (choose_method(scene) not in LIVE or to_tolerance) and scene.plant_latency > 0.0:
+    if not _is_loop(scene):
+        to_tolerance = choose_method(scene) in LIVE
+        computed = motion(scene, samples) if to_tolerance else offline(scene, samples)
+        return _along(scene, computed, samples, progress)
+    return closed_loop(scene, samples, progress)
+
+
+def simulate_blocks(scene: Scene, duration: float | None = None) -> Iterator[Block]:
+    """Simulate as :func:`simulate` and yield the samples in blocks, whose content is replaced.
+
+    The memory of a closed loop does not grow with its duration. Errors are those of simulate.
+    """
+    samples = samples_of(scene, duration)
+    if _is_loop(scene):
+        yield from ClosedLoop(scene).blocks(samples)
+        return
+    run = simulate(scene, samples=samples)
+    yield Block(run.time, run.states, run.outs, run.energy)
+
+
+def _is_loop(scene: Scene) -> bool:
+    """Whether a simulation is a closed loop, and no motion that is computed without wrenches.
+
+    Raises SceneError for such a motion with wrenches that act late.
+    """
+    if choose_method(scene) in LIVE and not (scene.tolerance > 0.0 and scene.method == "auto"):
+        return True
+    if scene.plant_latency > 0.0:
         name = "latency" if math.isnan(scene.plant.latency) else "plant.latency"
         raise SceneError(
             f"{name} = {show(scene.plant_latency)}: must be 0 for a motion that is computed "
             "without wrenches (the method minimal, or a tolerance); remove it, or use impulse"
         )
-    if choose_method(scene) not in LIVE:
-        return _along(scene, offline(scene, samples), samples, progress)
-    if to_tolerance:
-        return _along(scene, motion(scene, samples), samples, progress)
-    return closed_loop(scene, samples, progress)
+    return False
 
 
 def samples_of(scene: Scene, duration: float | None = None) -> int:
@@ -92,49 +110,6 @@ def samples_of(scene: Scene, duration: float | None = None) -> int:
         name = "plant.duration" if duration is None else "duration"
         raise SceneError(f"{name} = {show(seconds)}: must be finite and >= 0 s for a simulation")
     return round(seconds / scene.period) + 1
-
-
-def sweep(
-    scene: Scene,
-    vary: Mapping[str, Sequence[Any]],
-    duration: float | None = None,
-    *,
-    workers: int | None = None,
-    progress: Progress | None = None,
-) -> list[Run]:
-    """Simulate the scene for every combination of parameter values, on all cores.
-
-    Args:
-        vary: dotted parameter names and the values of each; the last name varies fastest.
-        duration: s, as for :func:`simulate`. workers: threads; by default one per core.
-        progress: called with (done, total) runs.
-
-    Returns the runs in order; ``run.scene`` is the scene of each. All scenes are checked before the
-    first run: raises :class:`~cylconn_ros.errors.SceneError` for an unusable value.
-
-    Example::
-
-        scene = cr.load(cr.shipped("coast"))
-        runs = cr.sweep(scene, {"friction.coefficient": [0.1, 0.2, 0.3]}, duration=1.0)
-        print([run["displacement"][-1] for run in runs])
-    """
-    scenes = [
-        scene.replace(dict(zip(vary, values, strict=True))) for values in product(*vary.values())
-    ]
-    runs: list[Run] = []
-    if not scenes:
-        return runs
-
-    def finished(run: Run) -> None:
-        runs.append(run)
-        if progress is not None:
-            progress(len(runs), len(scenes))
-
-    finished(simulate(scenes[0], duration))  # compiles, which threads would do at the same time
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        for run in pool.map(lambda one: simulate(one, duration), scenes[1:]):
-            finished(run)
-    return runs
 
 
 def _along(

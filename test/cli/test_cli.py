@@ -15,7 +15,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
 import cylconn_ros
-from cylconn_ros.cli import checks, info, main, progress, scenes, simulate, summary
+from cylconn_ros.cli import checks, info, main, progress, scenes, simulate
+from cylconn_ros.connector import summary
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.run import read_run

@@ -17,7 +17,7 @@ from paths import BAGS
 
 from cylconn_ros.cli.main import main
 from cylconn_ros.cli.report import facts, sources
-from cylconn_ros.cli.summary import FIELDS, RunSummary, summarise
+from cylconn_ros.connector.summary import FIELDS, RunSummary, summarise
 from cylconn_ros.core.layout import STATE_FIELDS
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.metadata import TopicInfo
