@@ -112,8 +112,8 @@ def simulate_from(scene: Scene, motion: Motion, progress: Progress | None = None
         handle, par, mem, period = connector.kernel_arguments()
         plant.loads[:] = loads[begin]
         run_loop(
-            handle, par, mem, period, plant.par, plant.state, plant.loads, plant.loads, delay,
-            sent, acting, rows[begin:end], outs[begin:end], energy[begin:end],
+            handle, par, mem, period, plant.par, plant.state, plant.loads, delay, sent, acting,
+            rows[begin:end], outs[begin:end], energy[begin:end],
         )  # fmt: skip
         if progress is not None:
             progress(end, samples)

@@ -31,7 +31,6 @@ def run_loop(
     plant_par: Array,
     state: Array,
     loads: Array,
-    known: Array,
     delay: float,
     sent: Array,
     acting: Array,
@@ -44,7 +43,6 @@ def run_loop(
     Args:
         handle, par, mem, period: of the connector (Connector.kernel_arguments).
         plant_par: parameter array of the plant. loads: (12,) external loads on A and B.
-        known: (12,) the loads in the samples.
         delay, sent, acting: periods between a sample and the action of its wrench, the wrenches
             sent and those that act (core/plant.py, step_late).
         samples: (N, NSAMPLE), outs: (N, NOUT), energy: (N,) J: written.
@@ -54,7 +52,7 @@ def run_loop(
         for i in range(26):
             samples[k, i] = state[i]
         for i in range(12):
-            samples[k, 26 + i] = known[i]
+            samples[k, 26 + i] = loads[i]
         out = outs[k]
         batch.process(handle, par, mem, samples[k], 0.0, period, out)
         if delay == 0.0:
@@ -80,15 +78,15 @@ def closed_loop(scene: Scene, samples: int, progress: Progress | None = None) ->
     energy = np.empty(samples)
     delay = scene.plant_latency
     sent, acting = np.zeros((int(delay) + 1, 12)), np.zeros(12)
-    changing, known = bodies.over_time, bodies.over_time.sampled_loads(0)
+    changing = bodies.over_time
     size = 1 if changing.changes else _BLOCK  # samples with the same loads and commands
     for first in range(0, samples, size):
         part = slice(first, min(first + size, samples))
         if changing.changes:
             changing.follow(connector, first)
-            bodies.loads[:], known[:] = changing.loads(first), changing.sampled_loads(first)
+            bodies.loads[:] = changing.loads(first)
         run_loop(
-            handle, par, mem, period, bodies.par, bodies.state, bodies.loads, known,
+            handle, par, mem, period, bodies.par, bodies.state, bodies.loads,
             delay, sent, acting, rows[part], outs[part], energy[part],
         )  # fmt: skip
         if progress is not None and (part.stop % _BLOCK == 0 or part.stop == samples):

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from cylconn_ros.connector.frames import into_world
 from cylconn_ros.connector.group import Group
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import layout
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.closed_loop import Progress
-from cylconn_ros.simulation.over_time import OverTime
 from cylconn_ros.simulation.plant import Plant
 
 Array = NDArray[np.float64]

@@ -5,13 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import plant
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene.bodies import PlantBody
 from cylconn_ros.scene.initial import check_start
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.simulation.over_time import OverTime
 
 Array = NDArray[np.float64]
 

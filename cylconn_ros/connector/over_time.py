@@ -1,9 +1,10 @@
 """Loads and commands of a scene over time, held over each period (scene/over_time.py).
 
-What a period holds is the mean over it, so that its impulse is exact: of a load, over the period of
-the plant; of what the connector knows, over the period in which its wrench acts, ``delay`` periods
-later. A commanded velocity is reached at the end of that period, as the connector imposes it, and a
-commanded position is passed at its begin with the mean rate: all of second order.
+What a period holds is the mean over it, so that its impulse is exact. A load is that of the plant's
+period, which its sample states. Preload and commands are for the period in which the sample's
+wrench acts, ``plant_latency`` periods later. A commanded velocity is reached at the end of that
+period, as the connector imposes it, and a commanded position is passed at its begin with the mean
+rate. All of it is of second order, with a latency too (test/simulation/test_over_time.py).
 """
 
 from __future__ import annotations
@@ -33,8 +34,6 @@ class OverTime:
     def __init__(self, scene: Scene) -> None:
         self._scene, self._period = scene, scene.period
         self._delay = scene.plant_latency
-        # Of a latency that the connector knows: it takes loads to act with its wrench.
-        self._known = float(max(scene.latency, 0))
         self._loads = np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
         self._factors = over_time.loads(scene)
         self._preload = scene.plant.preload_amplitude
@@ -48,12 +47,9 @@ class OverTime:
         return self.loads_change or self.commands_change
 
     def loads(self, k: int) -> Array:
-        """(12,) loads on A and B that act in period k, as in a sample."""
-        return self._mean_loads(float(k))
-
-    def sampled_loads(self, k: int) -> Array:
-        """(12,) loads in sample k, which the connector takes to act with its wrench."""
-        return self._mean_loads(k + self._known)
+        """(12,) loads on A and B that act in period k, as in its sample."""
+        shares = [each.average(*self._times(float(k))) for each in self._factors]
+        return self._loads * np.repeat(shares, 6)
 
     def preload(self, k: int) -> float | None:
         """FCint (N) for sample k; None: it does not change."""
@@ -95,8 +91,3 @@ class OverTime:
     def _times(self, period: float) -> tuple[float, float]:
         """Begin and end of a period, s."""
         return period * self._period, (period + 1.0) * self._period
-
-    def _mean_loads(self, period: float) -> Array:
-        begin, end = self._times(period)
-        shares = [each.average(begin, end) for each in self._factors]
-        return self._loads * np.repeat(shares, 6)
