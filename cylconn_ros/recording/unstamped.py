@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cylconn_ros.recording.run import Run
 
 FLOAT64 = "std_msgs/msg/Float64"
+JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def in_force(
@@ -41,6 +42,14 @@ def preload_topic(run: Run) -> str | None:
         if kind == FLOAT64 and topic.rsplit("/", 1)[-1] == "preload" and run.counts[topic]:
             return topic
     return None
+
+
+def command_topic(run: Run) -> str | None:
+    """The topic on which motion or force of slide and spin was commanded; None if none was."""
+    names = {run.names.get("~/command"), f"{run.metadata.get('node', '/connector')}/command"}
+    found = (t for t in run.types if t in names and run.counts[t])
+    topic = next(found, None)
+    return topic if topic and run.types[topic] == JOINT_STATE else None
 
 
 def preloads(run: Run) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
