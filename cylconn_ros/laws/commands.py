@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.laws.parameters import Parameters
 from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.recording.run import Run
@@ -42,6 +43,26 @@ def commanded(run: Run, scene: Scene, stamps: Sequence[int]) -> Commanded:
     if imposed is None:
         return Commanded(_preload(run, scene, at), None, none, none.astype(np.bool_))
     return Commanded(_preload(run, scene, at), *imposed)
+
+
+def of_scene(scene: Scene, n: int) -> Commanded:
+    """What a scene with amplitudes commands of its first n samples."""
+    changing = OverTime(scene)
+    present = [
+        {**joint_command.in_scene(scene.command), **_impositions(changing, k)} for k in range(n)
+    ]
+    limits = [getattr(scene.command, name).max_force for name in joint_command.COMPONENTS]
+    named = [name for name in joint_command.COMPONENTS if name in changing.commands(0)]
+    rows = np.array([_row(each, limits, named) for each in present])
+    preload = None
+    if changing.preload(0) is not None and scene.friction.presses("preload"):
+        preload = np.array([changing.preload(k) for k in range(n)])
+    return Commanded(preload, rows[:, :, :3], rows[:, :, 3], rows[:, :, 4] != 0.0)
+
+
+def _impositions(changing: OverTime, k: int) -> dict[str, joint_command.Imposition]:
+    found = changing.commands(k)
+    return {name: joint_command.Imposition(*numbers) for name, numbers in found.items()}
 
 
 def with_commands(p: Parameters, given: Commanded, rows: slice) -> Parameters:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.laws import elastic, residuals
@@ -27,7 +28,7 @@ from cylconn_ros.laws.bounds import (
     motion_bounds,
     next_bounds_history,
 )
-from cylconn_ros.laws.commands import Commanded, commanded, with_commands
+from cylconn_ros.laws.commands import Commanded, commanded, of_scene, with_commands
 from cylconn_ros.laws.elements import block_of, substituted
 from cylconn_ros.laws.friction import at_sample
 from cylconn_ros.laws.guarantees import title
@@ -51,6 +52,7 @@ from cylconn_ros.recording.files.source import Paths
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.samples import synchronized_samples, vectors
 from cylconn_ros.recording.table import Table
+from cylconn_ros.scene import over_time
 from cylconn_ros.scene.packing import choose_method
 from cylconn_ros.scene.scene import Scene
 
@@ -125,14 +127,20 @@ def simulated(
     Args:
         states: (n, 26) poses and twists of both bodies.
         outs: (n, NOUT) outputs of the connector.
-        loads: force (N) and torque (N m) on body A, then on body B, constant over the run.
+        loads: (12,) force (N) and torque (N m) on body A, then on body B, where they are constant.
 
+    What changes over time in the scene is taken from it.
     """
     n = len(states)
     samples = np.zeros((n, layout.NSAMPLE))
     samples[:, layout.MOTION], samples[:, layout.LOADS] = states, loads
     begins, periods = np.arange(n) == 0, np.full(n, scene.period)
-    return RunSamples(method, scene, samples, outs, periods, periods, begins)
+    found = RunSamples(method, scene, samples, outs, periods, periods, begins)
+    if over_time.changes(scene):
+        changing = OverTime(scene)
+        samples[:, layout.LOADS] = [changing.loads(k) for k in range(n)]
+        found.commanded = of_scene(scene, n)
+    return found
 
 
 def first_violation(scene: Scene, states: Array, outs: Array) -> str:

@@ -171,7 +171,7 @@ def solve(
 
     log = np.zeros((MOST_EVENTS, LOG_WIDTH))
     reached, kinks, pieces = _pieces(scene, wanted)
-    rows = np.zeros((len(reached), dense_output.WIDTH))
+    rows: Array = np.zeros((len(reached), dense_output.WIDTH))
     ran = dense_output.trajectory(
         par, joint, y, reached, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps, kinks, pieces
     )
