@@ -100,7 +100,7 @@ def stick_slip(scene: Scene, end: float) -> list[Expected]:
     return [
         Expected(BREAKAWAY, "s", _jump(0), first, 1e-3, 1.0),
         Expected(
-            "from jump to jump", "s", lambda run: _jump(1)(run) - _jump(0)(run), period, 2e-3, 1.0
+            "from jump to jump", "s", lambda run: _jump(1)(run) - _jump(0)(run), period, 1e-2, 1.0
         ),
         Expected("distance", "m", distance, place, 2e-4),
     ]
