@@ -68,7 +68,7 @@ def forced_oscillator(scene: Scene, end: float) -> list[Expected]:
     place += forced * math.cos(omega * t + phase) + f
     return [
         # a reversal within a step is of first order
-        Expected("amplitude", "m", _amplitude, amplitude, 3e-4, 1.0),
+        Expected("amplitude", "m", _amplitude, amplitude, 7e-4, 1.0),
         Expected("position", "m", length, (-1.0) ** half * place, 3e-4, 1.0),
     ]
 
@@ -102,7 +102,7 @@ def stick_slip(scene: Scene, end: float) -> list[Expected]:
         Expected(
             "from jump to jump", "s", lambda run: _jump(1)(run) - _jump(0)(run), period, 1e-2, 1.0
         ),
-        Expected("distance", "m", distance, place, 2e-4),
+        Expected("distance", "m", distance, place, 4e-4),
     ]
 
 
