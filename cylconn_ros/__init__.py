@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     )
     from cylconn_ros.identification.recording import identify
     from cylconn_ros.recording.run import read_run
+    from cylconn_ros.scene.amplitude import Amplitude
     from cylconn_ros.scene.behaviour import (
         Baumgarte,
         Command,
@@ -64,6 +65,7 @@ _MODULES = {
     "errors": ("CylconnError", "IdentifyError", "RecordingError", "SceneError", "UnknownNameError"),
     "identification.recording": ("identify",),
     "recording.run": ("read_run",),
+    "scene.amplitude": ("Amplitude",),
     "scene.bodies": (
         "Body",
         "Node",
@@ -107,6 +109,7 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 __all__ = [
     "Access",
+    "Amplitude",
     "Baumgarte",
     "Body",
     "Command",

@@ -27,6 +27,7 @@ import cylconn_ros
 from cylconn_ros.cli import changes, checks, scenes, simulate_several
 from cylconn_ros.cli.info import describe
 from cylconn_ros.cli.progress import Progress
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.connector.start import start_warnings
 from cylconn_ros.connector.summary import RunSummary, summarise
 from cylconn_ros.core import layout
@@ -186,6 +187,7 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
     """Write the messages of the nodes as a recorded run; log times are the stamps."""
     from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
     from cylconn_ros.messages.commands import joint_command
+    from cylconn_ros.messages.commands.command_writer import CommandWriter
     from cylconn_ros.recording.metadata import TopicInfo
     from cylconn_ros.recording.writer import RunWriter
 
@@ -193,13 +195,19 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
     topics = []
     messages = []  # (topic, writer, rows)
     loads = {}  # constant: sent once, as the plant node does
+    changing, commands = OverTime(scene), CommandWriter(scene)
     for name, body, motion, wrench, load in (
         ("/body_a", scene.body_a, layout.A_POSE, layout.FORCE_A, scene.plant.body_a.load),
         ("/body_b", scene.body_b, layout.B_POSE, layout.FORCE_B, scene.plant.body_b.load),
     ):
         if body.kind != "fixed" and any(load):
             topics.append(TopicInfo(f"{name}/load", "geometry_msgs/msg/WrenchStamped"))
-            loads[f"{name}/load"] = StampedWriter(world).write(0, np.array(load))
+            if changing.loads_change:
+                at = 0 if name == "/body_a" else 6
+                of = np.array([changing.loads(k)[at : at + 6] for k in range(len(result.time))])
+                messages.append((f"{name}/load", StampedWriter(world), of))
+            else:
+                loads[f"{name}/load"] = StampedWriter(world).write(0, np.array(load))
         if body.kind != "fixed":
             topics.append(TopicInfo(f"{name}/pose", "geometry_msgs/msg/PoseStamped"))
             topics.append(TopicInfo(f"{name}/twist", "geometry_msgs/msg/TwistStamped"))
@@ -212,6 +220,8 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
         messages.append((f"{name}/wrench", wrenches, result.outs[:, wrench : wrench + 6]))
     topics.append(TopicInfo("/connector/state", "cylconn_ros/msg/ConnectorState"))
     topics.append(TopicInfo("/connector/joint_state", "sensor_msgs/msg/JointState"))
+    resolved = {name: f"/connector/{name[2:]}" for name in commands.topics}
+    topics += [TopicInfo(resolved[name], kind) for name, kind in commands.topics.items()]
     states = StateWriter(scene.body_a.frame, result.connector.method)
     joints = JointStateWriter(scene.body_a.frame, joint_command.names(scene))
     with RunWriter(output, topics, metadata, scene.record.compression) as writer:
@@ -219,6 +229,8 @@ def _record(result: Run, scene: Scene, output: Path, metadata: Mapping[str, str]
             writer.write(topic, data, 0, 0)
         for k, time in enumerate(result.time):
             stamp = round(time * 1e9)
+            for name, data in commands.write(stamp, k):
+                writer.write(resolved[name], data, stamp, stamp)
             for topic, message, rows in messages:
                 writer.write(topic, message.write(stamp, rows[k]), stamp, stamp)
             out = result.outs[k]

@@ -44,6 +44,17 @@ class _Topic(NamedTuple):
     rows: np.ndarray
 
 
+class _Commands(NamedTuple):
+    """The messages of one topic that commands what changes over time."""
+
+    commands: Any
+    name: str
+
+    def write(self, stamp: int, k: int) -> bytes:
+        """The message for sample k."""
+        return dict(self.commands.write(stamp, k))[self.name]
+
+
 def run(path: Path, scenes: Mapping[str, Scene], options: argparse.Namespace) -> int:
     """Simulate all connectors of ``path``; 1 if a sample was refused, not solved or not exact.
 
@@ -121,6 +132,7 @@ def _messages_of(
 ) -> tuple[dict[str, str], list[_Topic]]:
     """Topics of a connector by the names of a single one, and what is written to each."""
     from cylconn_ros.messages.cdr_encoder import JointStateWriter, StampedWriter, StateWriter
+    from cylconn_ros.messages.commands.command_writer import CommandWriter
 
     kinds = {"pose": "PoseStamped", "twist": "TwistStamped", "load": "WrenchStamped"}
     own: dict[str, str] = {}
@@ -139,6 +151,10 @@ def _messages_of(
         own[f"{of}/wrench"] = full = f"/{topic(name, of)}/wrench"
         rows = outs[:, wrench : wrench + 6]
         found.append(_Topic(full, "geometry_msgs/msg/WrenchStamped", StampedWriter(frame), rows))
+    commands = CommandWriter(scene)
+    for name_of, kind in commands.topics.items():
+        own[name_of] = full = f"/connector/{name}/{name_of[2:]}"
+        found.append(_Topic(full, kind, _Commands(commands, name_of), np.empty((0, 0))))
     own["~/state"] = full = f"/connector/{name}/state"
     states = StateWriter(scene.body_a.frame, method)
     found.append(_Topic(full, "cylconn_ros/msg/ConnectorState", states, outs))
@@ -186,6 +202,8 @@ def _record(
 
 def _encoded(each: _Topic, stamp: int, k: int) -> Any:
     """The message of a topic for sample k."""
+    if isinstance(each.writer, _Commands):
+        return each.writer.write(stamp, k)
     row = each.rows[k]
     if each.kind != "sensor_msgs/msg/JointState":
         return each.writer.write(stamp, row)

@@ -13,14 +13,13 @@ from cylconn_ros.connector import batch
 from cylconn_ros.connector.description import describe_model
 from cylconn_ros.connector.outputs import StepResult
 from cylconn_ros.core import layout, model
-from cylconn_ros.core.friction import SIZE
 from cylconn_ros.core.jit import COMPILED, close_signatures
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods import passivity_controller
 from cylconn_ros.methods.dispatch import STEPS
 from cylconn_ros.methods.passivity_controller import section
 from cylconn_ros.methods.traits import LIVE, TRAITS
-from cylconn_ros.scene.packing import choose_method, latency_is_measurable, pack
+from cylconn_ros.scene.packing import choose_method, latency_is_measurable, pack, pack_preload
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.scene.schema import show
 from cylconn_ros.scene.validation import check_drive, check_within_stops
@@ -32,10 +31,6 @@ _IN_FLIGHT = (
     slice(model.REFUTED, model.CONTRARY + 1),
 )
 """Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
-_OF_PRELOAD = (
-    slice(model.FRICTION, model.FRICTION + SIZE), slice(model.PENALTY, model.PENALTY + 6),
-)  # fmt: skip
-"""Packed parameters that depend on the preload."""
 _INPUTS = (
     ("pose_a", layout.A_POSE, 7),
     ("twist_a", layout.A_TWIST, 6),
@@ -121,10 +116,13 @@ class Connector:
         self.check_imposed(component, position, velocity, force, max_force)
         k = ("slide", "spin").index(component)
         at = model.COMMAND + 3 * k
+        # A position that goes on: a spring that holds it (penalty) keeps its place.
+        moves_on = not math.isnan(self._par[at])
         self._par[at : at + 3] = position, velocity, force
         given = (self.scene.command.slide, self.scene.command.spin)[k].max_force
         self._par[model.DRIVE + 2 * k] = given if math.isnan(max_force) else max_force
-        self._mem[model.IMPOSED_POSITION + k] = math.nan
+        began = not math.isnan(self._mem[model.IMPOSED_POSITION + k])
+        self._mem[model.IMPOSED_POSITION + k] = position if moves_on and began else math.nan
 
     def set_preload(self, preload: float) -> None:
         """Set the preload FCint (N) from the next sample on, in place of the parameter's.
@@ -139,9 +137,8 @@ class Connector:
                 f"preload = {preload:g}: the scene has no friction on which it acts; give "
                 "friction.coefficient"
             )
-        par = pack(self.scene.replace({"friction.preload": preload}))
-        for part in _OF_PRELOAD:
-            self._par[part] = par[part]
+        for part, numbers in pack_preload(self.scene, preload):
+            self._par[part] = numbers
 
     def check_imposed(
         self, component: str, position: float, velocity: float, force: float, max_force: float

@@ -64,6 +64,8 @@ class Law(NamedTuple):
 
 SIZE: Final = len(Law._fields) - 1
 """Numbers of a packed law: all fields but the index of the table."""
+PRELOAD: Final = Law._fields.index("preload")
+"""Index of the preload in a packed law."""
 
 
 class Table(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from cylconn_ros.core.layout import MOST_POINTS
 from cylconn_ros.errors import ModelError
@@ -145,15 +146,48 @@ def _friction(draft: Draft, block: Block, scale: Units) -> None:
     block.used = True
 
 
+def _amplitude(block: Block | None, scale: Units) -> dict[str, Any] | None:
+    """Parameters of an *AMPLITUDE: a table, or a periodic one of one term from 0 on.
+
+    None if it is of another kind: smoothed, absolute, of several terms, or not in the deck.
+    """
+    if block is None or "SMOOTH" in block.parameters or block.name("VALUE") == "ABSOLUTE":
+        return None
+    kind = block.name("DEFINITION") or "TABULAR"
+    if kind == "TABULAR":
+        numbers = [x for row in range(len(block.data)) for x in block.numbers(row)]
+        times, values = numbers[0::2], numbers[1::2]
+        if len(times) != len(values) or len(times) < 2 or min(times) < 0.0:
+            return None
+        return {"times": [t * scale.time for t in times], "values": values}
+    if kind != "PERIODIC" or len(block.data) < 2:
+        return None
+    terms, omega, start, mean = [*block.numbers(0), 0.0, 0.0, 0.0, 0.0][:4]
+    cosine, sine = [*block.numbers(1), 0.0, 0.0][:2]
+    if terms != 1 or start != 0.0 or not omega > 0.0:
+        return None
+    return {
+        "frequency": omega / scale.time / (2.0 * math.pi),
+        "mean": mean,
+        "amplitude": math.hypot(cosine, sine),
+        "phase": math.atan2(cosine, sine),
+    }
+
+
 def put_loads(draft: Draft, blocks: Sequence[Block], targets: set[str], scale: Units) -> None:
-    """*CONNECTOR MOTION and *CONNECTOR LOAD on components 1 and 4, constant ones."""
+    """*CONNECTOR MOTION and *CONNECTOR LOAD on components 1 and 4, with their *AMPLITUDE."""
+    amplitudes = {block.name("NAME"): block for block in blocks if block.keyword == "AMPLITUDE"}
     for block in blocks:
         if block.keyword not in ("CONNECTOR MOTION", "CONNECTOR LOAD"):
             continue
-        taken = 0
+        taken, factor = 0, None
+        if "AMPLITUDE" in block.parameters:
+            factor = _amplitude(amplitudes.get(block.name("AMPLITUDE")), scale)
+            if factor is None:
+                continue  # another kind of amplitude: listed
         for fields in block.data:
-            if len(fields) < 3 or fields[0].upper() not in targets or "AMPLITUDE" in \
-                    block.parameters or fields[1] not in (str(SLIDE), str(SPIN)):  # fmt: skip
+            if len(fields) < 3 or fields[0].upper() not in targets or \
+                    fields[1] not in (str(SLIDE), str(SPIN)):  # fmt: skip
                 continue
             slides = fields[1] == str(SLIDE)
             axis, unit = ("slide", scale.length) if slides else ("spin", 1.0)
@@ -169,4 +203,8 @@ def put_loads(draft: Draft, blocks: Sequence[Block], targets: set[str], scale: U
             else:
                 continue
             taken += 1
+            for key, number in (factor or {}).items():
+                draft.put(f"plant.{axis}_amplitude.{key}", number)
+        if taken and factor:
+            amplitudes[block.name("AMPLITUDE")].used = True
         block.used = taken == len(block.data)

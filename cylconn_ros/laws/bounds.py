@@ -310,10 +310,10 @@ def _exceeds_pull_in(distance: Array, pull: Array, size: Array, h: Array) -> Boo
 def _imposed_at(p: Parameters, o: SampleState, past: History) -> Array:
     """(n, 2) position of imposed motions at this sample.
 
-    They start at the position that their parameter gives, else at that of the first sample.
+    They start at the position that their parameter or message gives, else at that of the sample.
     """
     first = np.where(np.isnan(p.command[:, :, 0]), o.position, p.command[:, :, 0])
-    return np.where(past.started[:, None], past.imposed_at, first)
+    return np.where(past.started[:, None] & ~p.begins, past.imposed_at, first)
 
 
 def _lock(p: Parameters, o: SampleState, past: History, b: Bounds) -> None:

@@ -96,6 +96,7 @@ class Parameters(Rows):
     feedback: Array  # (n, 2) alpha, beta of baumgarte
     command: Array  # (n, 2, 3) slide and spin: position, velocity, force; NaN: not imposed
     drive: Array  # (n, 2, 2) slide and spin: greatest force, speed of approach
+    begins: Bools  # (n, 2) whether a message imposes motion or force from this sample on
 
     @property
     def bounded(self) -> Bools:
@@ -190,6 +191,7 @@ def parameters_of(scenes: Sequence[Scene]) -> Parameters:
         feedback=_column([_feedback(s) for s in scenes]),
         command=np.array([_command(s) for s in scenes]),
         drive=np.array([_drive(s) for s in scenes]),
+        begins=np.zeros((len(scenes), 2), dtype=np.bool_),
     )
 
 

@@ -1,4 +1,4 @@
-"""Seeded random generators, one per scene and block, and common distributions."""
+"""Seeded random generators, one per scene and block, common distributions, what scenes can be."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.laws import rigid
+from cylconn_ros.scene.elements import SEMI_IMPLICIT
 
 Array = NDArray[np.float64]
 Random = np.random.Generator
@@ -32,3 +33,17 @@ def direction(rng: Random, n: int) -> Array:
 def orientation(rng: Random, n: int) -> Array:
     """(n, 4) uniform unit quaternions."""
     return rigid.normalised(rng.normal(size=(n, 4)))
+
+
+def soften(values: dict[str, Any]) -> None:
+    """Keep linear springs within what the period carries on a semi-implicit plant."""
+    free = [values[body] for body in ("body_a", "body_b") if values[body]["kind"] == "free"]
+    if not free:
+        return
+    moved = (
+        1.0 / sum(1.0 / body["mass"] for body in free),
+        1.0 / sum(1.0 / max(body["inertia"][0], body["inertia"][3]) for body in free),
+    )
+    for name, most in zip(("k1", "kr1"), moved, strict=True):
+        greatest = 0.9 * SEMI_IMPLICIT * most / values["period"] ** 2
+        values["elasticity"][name] = min(values["elasticity"][name], greatest)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.laws import rigid
-from cylconn_ros.laws.random import Random, decades, direction, generator, orientation
+from cylconn_ros.laws.random import Random, decades, direction, generator, orientation, soften
 from cylconn_ros.methods.traits import TRAITS
 from cylconn_ros.scene.scene import Scene
 
@@ -88,6 +88,8 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         values["limits"] = {"force": weight * decades(rng, -2.0, 3.0)}
         if rng.random() < 0.5:
             values["limits"]["torque"] = weight * arm * decades(rng, -2.0, 3.0)
+    if "elasticity" in values and values["plant_integration"] == "semi_implicit":
+        soften(values)
     more = generator(seed, number, 1)
     if more.random() < 0.5:
         values["node_b"]["orientation"] = _list(orientation(more, 1)[0])

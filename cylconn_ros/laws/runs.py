@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.laws import elastic, residuals
@@ -27,6 +28,7 @@ from cylconn_ros.laws.bounds import (
     motion_bounds,
     next_bounds_history,
 )
+from cylconn_ros.laws.commands import Commanded, commanded, of_scene, with_commands
 from cylconn_ros.laws.elements import block_of, substituted
 from cylconn_ros.laws.friction import at_sample
 from cylconn_ros.laws.guarantees import title
@@ -50,7 +52,7 @@ from cylconn_ros.recording.files.source import Paths
 from cylconn_ros.recording.run import Run, read_run
 from cylconn_ros.recording.samples import synchronized_samples, vectors
 from cylconn_ros.recording.table import Table
-from cylconn_ros.recording.unstamped import in_force, preloads
+from cylconn_ros.scene import over_time
 from cylconn_ros.scene.packing import choose_method
 from cylconn_ros.scene.scene import Scene
 
@@ -80,7 +82,7 @@ class RunSamples:
     begins: NDArray[np.bool_]  # (n,) whether a history begins with the sample
     skipped: int = 0  # states without a sample, or with a history that is not in the recording
     skip_reason: str = ""
-    preload: Array | None = None  # (n,) FCint in force, N; None: that of the scene
+    commanded: Commanded | None = None  # None: nothing but the scene's parameters
     others: Array | None = None  # (n, 12) wrenches of connectors on the same bodies (together.py)
 
     @property
@@ -97,8 +99,8 @@ class RunSamples:
     def _block(self, low: int, high: int) -> Block:
         one = parameters_of([self.scene])
         p = with_period(one.take(np.zeros(high - low, dtype=np.intp)), self.h[low:high])
-        if self.preload is not None:
-            p = dataclasses.replace(p, preload=self.preload[low:high])
+        if self.commanded is not None:
+            p = with_commands(p, self.commanded, slice(low, high))
         sample, out = self.sample[low:high], self.out[low:high]
         tables = tables_of([self.scene])
         others = None if self.others is None else self.others[low:high]
@@ -125,14 +127,20 @@ def simulated(
     Args:
         states: (n, 26) poses and twists of both bodies.
         outs: (n, NOUT) outputs of the connector.
-        loads: force (N) and torque (N m) on body A, then on body B, constant over the run.
+        loads: (12,) force (N) and torque (N m) on body A, then on body B, where they are constant.
 
+    What changes over time in the scene is taken from it.
     """
     n = len(states)
     samples = np.zeros((n, layout.NSAMPLE))
     samples[:, layout.MOTION], samples[:, layout.LOADS] = states, loads
     begins, periods = np.arange(n) == 0, np.full(n, scene.period)
-    return RunSamples(method, scene, samples, outs, periods, periods, begins)
+    found = RunSamples(method, scene, samples, outs, periods, periods, begins)
+    if over_time.changes(scene):
+        changing = OverTime(scene)
+        samples[:, layout.LOADS] = [changing.loads(k) for k in range(n)]
+        found.commanded = of_scene(scene, n)
+    return found
 
 
 def first_violation(scene: Scene, states: Array, outs: Array) -> str:
@@ -297,16 +305,6 @@ def _carry(past: History, last: History, k: int, names: Sequence[str]) -> None:
         getattr(past, name)[k] = getattr(last, name)[0]
 
 
-def _preload(run: Run, scene: Scene, stamps: Sequence[int]) -> Array | None:
-    """The preload in force at each sample; None if it was not commanded."""
-    found = preloads(run)
-    if found is None or not scene.friction.on:
-        return None
-    times, values = found
-    row = in_force(run, times.tolist(), np.array(stamps, dtype=np.int64))
-    return None if row is None else np.r_[values, scene.friction.preload][row]
-
-
 def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
     """Combine the inputs of a recorded run with its outputs; ``scene`` as of check_recording.
 
@@ -357,7 +355,7 @@ def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
         np.array(begins, dtype=np.bool_),
         skipped,
         "the recording begins after the reference configuration, which the laws need",
-        _preload(run, scene, stamps),
+        commanded(run, scene, stamps),
     )
 
 

@@ -75,6 +75,11 @@ def _write_numbers(rows: np.ndarray, at: int, numbers: np.ndarray) -> None:
     rows[:, at : at + block.shape[1]] = block
 
 
+def float64_bytes(value: float) -> bytes:
+    """Encode a std_msgs/Float64."""
+    return ENCAPSULATION + struct.pack("=d", value)
+
+
 class StampedWriter:
     """Encode PoseStamped (``count`` 7), TwistStamped or WrenchStamped (6) messages of one frame."""
 

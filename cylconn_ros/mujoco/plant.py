@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.errors import ModelError, SceneError
 from cylconn_ros.importing.joints import find_pair
 from cylconn_ros.importing.model_file import compile_spec, load_spec, mujoco_module
@@ -71,7 +72,8 @@ class MujocoPlant:
         self._bodies = [self._body(scene.body_a.frame), self._body(scene.body_b.frame)]
         self.par = np.zeros(0)
         self.period_ns, self.steps = round(scene.period * 1e9), 0
-        self.loads = np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
+        self.over_time = OverTime(scene)
+        self.loads = self.over_time.loads(0)
         self.state = np.zeros(26)
         self._read()
 
@@ -118,6 +120,7 @@ class MujocoPlant:
                 )
         self.mujoco.mj_step(self.model, self.data, self._substeps)
         self.steps += 1
+        self.loads[:] = self.over_time.loads(self.steps)
         self._read()
 
     def _about_com(self, k: int, body: int, wrench: Array) -> Array:

@@ -11,7 +11,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Mapping, Sequence
 
-from cylconn_ros.reference import answers, element_answers, sleeve_answers
+from cylconn_ros.reference import answers, element_answers, over_time_answers, sleeve_answers
 from cylconn_ros.reference.answers import Expected
 from cylconn_ros.reference.group_answers import GROUPS
 from cylconn_ros.scene.scene import Scene
@@ -219,6 +219,26 @@ LIBRARY: dict[str, Case] = {
         "A camera, most of it on a counterweight, creeps down a tilted slider onto a rubber stop",
         EVENTS,
         element_answers.camera_slider,
+    ),
+    "brake": Case(
+        "A brake stops a mass (Modelica's example Brake)",
+        f"{CLOSED}: a = mu FCint/m from 0.1 s on",
+        over_time_answers.brake,
+    ),
+    "forced_oscillator": Case(
+        "Steady motion of an oscillator with dry friction under a harmonic force (Den Hartog)",
+        f"{CLOSED}: x0 = sqrt((a V)^2 - (f H)^2)",
+        over_time_answers.forced_oscillator,
+    ),
+    "stick_slip": Case(
+        "A mass pulled by a spring at constant speed sticks and slips",
+        "first jump F_s/(k v); then m x'' = k (v t - x) - c x' - F(x'), DOP853",
+        over_time_answers.stick_slip,
+    ),
+    "linear_bearing": Case(
+        "A carriage on a linear bearing whose brake closes, holds a pull and opens",
+        f"{CLOSED}: cubics between the kinks of load and brake",
+        over_time_answers.linear_bearing,
     ),
     "latch": Case(
         "The slide locks when it passes the lock position",

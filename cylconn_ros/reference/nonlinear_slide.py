@@ -23,6 +23,9 @@ Event = Callable[[float, Array], float]
 Rates = Callable[[float, Array], list[float]]
 
 SKIP = 1e-7  # s, over an event, by one step of a Runge-Kutta method of fourth order
+CREEP = 1e-9  # m/s, below which a body within its friction rests
+CREEPS = 1e-6  # of the friction, by which the force may exceed it there
+_MOST_PIECES = 1000  # between kinks
 _REPEATS = 8  # of a contraction by mu R m d/I, some thousandths
 
 
@@ -75,8 +78,11 @@ def slide(
     for event in functions:
         event.terminal = True  # type: ignore[attr-defined]
     t, y = 0.0, [start, rate]
-    while t < end:
-        if drag > 0.0 and abs(y[1]) < 1e-9 and abs(total(y[0], 0.0)) <= drag:
+    for _ in range(_MOST_PIECES):
+        if t >= end:
+            break
+        # a creep that an overdamped body never ends counts as rest, too
+        if drag > 0.0 and abs(y[1]) < CREEP and abs(total(y[0], 0.0)) <= drag * (1.0 + CREEPS):
             return Slide(y[0], 0.0, stop_force(scene, y[0], 0.0), t, end)
         h = min(SKIP, end - t)
         y, t = _runge_kutta(rates, t, y, h), t + h
@@ -88,6 +94,8 @@ def slide(
         t, y = float(found.t[-1]), [float(each) for each in found.y[:, -1]]
         if not math.isnan(until) and len(found.t_events[-1]):
             break
+    else:
+        raise RuntimeError(f"stopped at t = {t:.9g} s after {_MOST_PIECES} pieces")
     return Slide(y[0], y[1], stop_force(scene, y[0], y[1]), math.inf, t)
 
 

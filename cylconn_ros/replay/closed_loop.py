@@ -20,7 +20,7 @@ from cylconn_ros.errors import RecordingError
 from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays, synchronized_samples
-from cylconn_ros.recording.unstamped import preloads
+from cylconn_ros.recording.unstamped import command_topic, preloads
 from cylconn_ros.replay.replay import follows, for_motion
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation import run as simulated
@@ -34,7 +34,6 @@ Command = dict[str, joint_command.Imposition] | float
 Commands = list[tuple[int, Command]]
 
 _BLOCK = 2048  # samples per call at most
-_COMMAND = "~/command"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,10 +67,18 @@ def recorded_motion(run: Run, scene: Scene, remap: dict[str, str] | None = None)
 
 
 def along(scene: Scene, motion: Motion) -> Array:
-    """Return the outputs (n, NOUT) of the connector for the recorded motion."""
-    outs = np.empty((len(motion.samples), layout.NOUT))
-    used = for_motion(scene, motion.follows)
-    Connector(used).run(motion.samples.samples, motion.samples.h, outs)
+    """Return the outputs (n, NOUT) of the connector for the recorded motion and commands."""
+    recorded = motion.samples
+    outs = np.empty((len(recorded), layout.NOUT))
+    connector = Connector(for_motion(scene, motion.follows))
+    since = recorded.stamps - recorded.stamps[0]
+    first = np.searchsorted(since, [at for at, _ in motion.commands])
+    edges = sorted({0, *first.tolist(), len(recorded)})
+    commands = list(zip(first.tolist(), (content for _, content in motion.commands), strict=True))
+    for begin, end in itertools.pairwise(edges):
+        while commands and commands[0][0] <= begin:
+            _follow(connector, commands.pop(0)[1])
+        connector.run(recorded.samples[begin:end], recorded.h[begin:end], outs[begin:end])
     return outs
 
 
@@ -141,12 +148,8 @@ def _commands(run: Run, scene: Scene) -> Commands:
 
 
 def _joint_commands(run: Run, scene: Scene) -> Commands:
-    names = {run.names.get(_COMMAND), f"{run.metadata.get('node', '/connector')}/command"}
-    topic = next((t for t in run.types if t in names and run.counts[t]), None)
+    topic = command_topic(run)
     if topic is None:
-        return []
-    stamped = run.types.get(topic) == "sensor_msgs/msg/JointState"
-    if not stamped:
         return []
     # Log times of commands and of the first sample's messages are of one clock.
     first = _first_log_time(run)

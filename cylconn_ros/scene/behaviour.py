@@ -111,7 +111,8 @@ class Friction:
     inputs: tuple[str, ...] = parameter(
         INPUTS,
         choices=INPUTS,
-        doc="What presses shaft and sleeve together in FN. [preload]: friction ignores the load.",
+        doc="What presses shaft and sleeve together in FN. [preload]: friction ignores the load; "
+        "[]: not set, all of them (without friction: coefficient 0).",
     )
     rest_rate: float = parameter(
         1e-3, ge=0.0, unit="m/s", doc="Method observe: a slip rate below this counts as stick."

@@ -9,12 +9,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
+from cylconn_ros.scene.amplitude import Amplitude
 from cylconn_ros.scene.schema import group, parameter
 
 NAN = math.nan
 INF = math.inf
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def _factor(of: str, **rules: Any) -> Any:
+    """An amplitude of the quantity ``of``; ``rules``: of all its parameters."""
+    change = {field.name: dict(rules) for field in dataclasses.fields(Amplitude)}
+    times = f"Times of the factor on {of}, ascending, at least 2; []: no table."
+    change["times"]["doc"] = times
+    return group(Amplitude, change=change)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -184,9 +194,10 @@ class PlantBody:
         size=6,
         unit="N, N.m",
         shared="body",
-        doc="Constant external load besides gravity: force and torque about the body frame's "
-        "origin, in world axes; the plant publishes it too.",
+        doc="External load besides gravity: force and torque about the body frame's origin, in "
+        "world axes; constant unless it has an amplitude. The plant publishes it too.",
     )
+    load_amplitude: Amplitude = _factor("the load", shared="body")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -237,3 +248,6 @@ class PlantSettings:
     )
     body_a: PlantBody = group(PlantBody)
     body_b: PlantBody = group(PlantBody)
+    preload_amplitude: Amplitude = _factor("friction.preload, sent on ~/preload")
+    slide_amplitude: Amplitude = _factor("what command.slide imposes, sent on ~/command")
+    spin_amplitude: Amplitude = _factor("what command.spin imposes, sent on ~/command")

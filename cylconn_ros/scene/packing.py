@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     )
     method = choose_method(scene)
     if TRAITS[method].uses_gains and not plant:
-        par[model.PENALTY : model.PENALTY + 6] = _penalty(scene, method)
+        par[model.PENALTY : model.PENALTY + 6] = _penalty(scene, method, scene.friction.preload)
     par[model.AUGMENTED] = scene.penalty.multiplier_gain
     feedback = scene.baumgarte
     par[model.BAUMGARTE : model.BAUMGARTE + 3] = (
@@ -110,6 +111,20 @@ def pack(scene: Scene, *, plant: bool = False) -> Array:
     par[model.TOLERANCE] = step_tolerance(scene.tolerance)
     par[model.TABLE :] = table
     return par
+
+
+def pack_preload(scene: Scene, preload: float) -> list[tuple[slice, Sequence[float]]]:
+    """The sections of the parameter array that depend on the preload, for another one (N)."""
+    law, _ = _friction(dataclasses.replace(scene.friction, preload=preload))
+    at = model.FRICTION
+    found: list[tuple[slice, Sequence[float]]] = [
+        (slice(at, at + friction.SIZE), friction.pack(law))
+    ]
+    method = choose_method(scene)
+    if TRAITS[method].uses_gains:
+        at, gains = model.PENALTY, _penalty(scene, method, preload)
+        found.append((slice(at, at + 6), gains))
+    return found
 
 
 def _from_com(node: Node, body: Body) -> Array:
@@ -198,7 +213,7 @@ def pack_overlap(given: Friction) -> list[float]:
     ]  # fmt: skip
 
 
-def _penalty(scene: Scene, method: str) -> list[float]:
+def _penalty(scene: Scene, method: str, preload: float) -> list[float]:
     """Gains: stiffness and damping of the offsets, the misalignment and the elastic stick."""
     gains, given = scene.penalty, scene.friction
     for name in ("stiffness", "damping"):
@@ -223,9 +238,9 @@ def _penalty(scene: Scene, method: str) -> list[float]:
     if math.isnan(stick):
         stick = gains.stiffness
         allowed = gains.elastic_slip
-        if not math.isnan(allowed) and given.preload != 0.0:
+        if not math.isnan(allowed) and preload != 0.0:
             greatest = max(given.mean_coefficient, np.nan_to_num(given.static_coefficient))
-            stick = greatest * abs(given.preload) / allowed or stick
+            stick = greatest * abs(preload) / allowed or stick
     stick_damping = gains.damping * stick / gains.stiffness
     # A damper acts d + 1/2 periods late, and stays stable with its gain in inverse proportion; the
     # spring's goes with the square, to keep the ratio of damping.

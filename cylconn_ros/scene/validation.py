@@ -16,6 +16,7 @@ from cylconn_ros.scene.behaviour import Friction, Stops
 from cylconn_ros.scene.bodies import Body
 from cylconn_ros.scene.elements import check_elements
 from cylconn_ros.scene.fields import SceneFields
+from cylconn_ros.scene.over_time import check_over_time
 from cylconn_ros.scene.schema import show
 
 # Parameters of limits and imposed motion, which not every method models.
@@ -36,6 +37,7 @@ def check(scene: SceneFields) -> None:
     check_elements(scene)
     _check_lock(scene)
     _check_command(scene)
+    check_over_time(scene)
     _check_tolerance(scene)
     _check_observe(scene)
     _check_served(scene)

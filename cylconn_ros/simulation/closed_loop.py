@@ -99,15 +99,22 @@ class ClosedLoop:
     def advance(self, samples: Array, outs: Array, energy: Array) -> None:
         """Run as many periods as the arrays (n, NSAMPLE), (n, NOUT) and (n,) have rows.
 
-        One compiled call, which releases the interpreter's lock.
+        One compiled call, which releases the interpreter's lock; one a period if loads or commands
+        change over time.
         """
         handle, par, mem, period = self.connector.kernel_arguments()
         plant = self.plant
-        run_loop(
-            handle, par, mem, period, plant.par, plant.state, plant.loads,
-            self._delay, self._sent, self._acting, samples, outs, energy,
-        )  # fmt: skip
-        plant.move(plant.state, plant.steps + len(samples))
+        changing, count = plant.over_time, len(samples)
+        size = 1 if changing.changes else max(count, 1)
+        for first in range(0, count, size):
+            part = slice(first, first + size)
+            if changing.changes:
+                changing.follow(self.connector, plant.steps)
+            run_loop(
+                handle, par, mem, period, plant.par, plant.state, plant.loads,
+                self._delay, self._sent, self._acting, samples[part], outs[part], energy[part],
+            )  # fmt: skip
+            plant.move(plant.state, plant.steps + len(samples[part]))
 
     def blocks(self, samples: int) -> Iterator[Block]:
         """Run ``samples`` periods in blocks, in memory that does not grow with their number."""

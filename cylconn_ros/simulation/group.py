@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.connector.frames import into_world
 from cylconn_ros.connector.group import Group
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import layout
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.closed_loop import Progress
@@ -44,6 +45,11 @@ class Bodies:
     def loads(self) -> list[Array]:
         """(12,) external loads on the bodies of each connector."""
         return [plant.loads for plant in self._plants]
+
+    @property
+    def over_time(self) -> list[OverTime]:
+        """What changes over time, of each connector."""
+        return [plant.over_time for plant in self._plants]
 
     @property
     def time_ns(self) -> int:
@@ -116,6 +122,7 @@ def simulate_group(
         for c in range(n):
             samples[k, c, layout.MOTION] = bodies.states[c]
             samples[k, c, layout.LOADS] = bodies.loads[c]
+            bodies.over_time[c].follow(group.connectors[c], k)
         group.step(samples[k], outs=outs[k])
         iterations[k] = group.iterations
         bodies.step([(out[0:6], out[6:12]) for out in outs[k]])

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core import layout
+from cylconn_ros.core import friction, layout, model
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.minimal import coordinates, dense_output
 from cylconn_ros.methods.minimal.derivatives import INTEGRALS
 from cylconn_ros.methods.minimal.events import LOG_WIDTH
 from cylconn_ros.methods.minimal.initial import tolerance_of
+from cylconn_ros.scene import over_time
 from cylconn_ros.scene.initial import check_start
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
@@ -29,6 +30,7 @@ Array = NDArray[np.float64]
 
 KINDS = ("", "rests", "reverses", "breaks away", "jams", "impact", "releases", "locks")
 MOST_EVENTS = 2000  # kept of a solution
+STEPS_OF_A_CYCLE = 256.0  # at least, of a sine over time
 
 
 @dataclass(frozen=True)
@@ -168,10 +170,13 @@ def solve(
     rtol = tolerance_of(par) if rtol is None else rtol
 
     log = np.zeros((MOST_EVENTS, LOG_WIDTH))
-    rows = np.zeros((len(wanted), dense_output.WIDTH))
+    reached, kinks, pieces = _pieces(scene, wanted)
+    rows: Array = np.zeros((len(reached), dense_output.WIDTH))
     ran = dense_output.trajectory(
-        par, joint, y, wanted, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps
+        par, joint, y, reached, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps, kinks, pieces
     )
+    if len(reached) != len(wanted):
+        rows = rows[np.searchsorted(reached, wanted)]
     if ran.blocked:
         raise RuntimeError(f"an imposed motion jams at t = {ran.t:.9g} s: no force moves it on")
     if not ran.complete:
@@ -193,8 +198,41 @@ def initial(scene: Scene) -> tuple[Array, Array, Array]:
     sample[layout.LOADS] = [*scene.plant.body_a.load, *scene.plant.body_b.load]
     free = scene.body_a.kind == scene.body_b.kind == "free"
     joint, y = np.zeros(coordinates.NJOINT), np.zeros((17 if free else 4) + INTEGRALS)
+    if over_time.changes(scene):
+        _change_over_time(scene, par, joint)
     dense_output.initial_coordinates(par, sample, joint, y)
     return par, joint, y
+
+
+def _change_over_time(scene: Scene, par: Array, joint: Array) -> None:
+    """Write what changes over time to ``joint``, as it is from 0 on."""
+    joint[coordinates.OVER_TIME] = 1.0
+    base = joint[coordinates.BASE : coordinates.PIECES]
+    base[:12] = [*scene.plant.body_a.load, *scene.plant.body_b.load]
+    base[12] = par[model.FRICTION + friction.PRELOAD]
+    base[13:] = par[model.COMMAND : model.COMMAND + 6]
+    factors = over_time.amplitudes(scene).values()
+    joint[coordinates.PIECES : coordinates.IMPOSED_ACCELERATION] = np.ravel(
+        [each.pieces()[0] for each in factors]
+    )
+    fastest = max((each.frequency for each in factors if not math.isnan(each.frequency)), default=0)
+    if fastest > 0.0:
+        joint[coordinates.LONGEST_STEP] = 1.0 / (STEPS_OF_A_CYCLE * fastest)
+
+
+def _pieces(scene: Scene, wanted: Array) -> tuple[Array, Array, Array]:
+    """Times to integrate to: ``wanted`` and kinks over time; numbers of the kinks; factors."""
+    factors = [each.pieces() for each in over_time.amplitudes(scene).values()]
+    kinks = sorted({piece.start for pieces in factors for piece in pieces[1:]})
+    kinks = [t for t in kinks if t < wanted[-1]]
+    rows = [
+        np.ravel([next(p for p in reversed(pieces) if p.start <= t) for pieces in factors])
+        for t in kinks
+    ]
+    if not kinks:
+        return wanted, np.zeros(0), np.zeros((0, 30))
+    reached = np.union1d(wanted, kinks)
+    return reached, np.searchsorted(reached, kinks).astype(np.float64), np.array(rows)
 
 
 def _check(scene: Scene) -> None:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import plant
 from cylconn_ros.errors import SceneError
 from cylconn_ros.scene.bodies import PlantBody
@@ -28,7 +29,8 @@ class Plant:
     ----------
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
         par: parameter array (core/model.py).
-        loads: (12,) external loads on A and B as in a sample, held until changed.
+        over_time: what changes over time.
+        loads: (12,) external loads on A and B as in a sample, of the coming period.
         time_ns: simulated time. steps: periods since the start. period_ns: of one period.
 
     Raises :class:`SceneError` if the scene has no period, a body without mass and inertia, or a
@@ -54,7 +56,8 @@ class Plant:
         self.par = pack(scene, plant=True)
         self.period_ns = round(scene.period * 1e9)
         self.steps = 0
-        self.loads = np.array([*scene.plant.body_a.load, *scene.plant.body_b.load])
+        self.over_time = OverTime(scene)
+        self.loads = self.over_time.loads(0)
         self.state = np.concatenate(
             [
                 _start(scene.body_a.pose, scene.plant.body_a),
@@ -70,12 +73,17 @@ class Plant:
     def step(self, wrench_a: Array, wrench_b: Array) -> None:
         """Advance one period under wrenches as published: (6,) force, torque each."""
         plant.step(self.par, self.state, wrench_a, wrench_b, self.loads, self.scene.period)
-        self.steps += 1
+        self._count(self.steps + 1)
 
     def move(self, state: Array, steps: int) -> None:
         """Set the state (26,) after ``steps`` periods."""
         self.state[:] = state
+        self._count(steps)
+
+    def _count(self, steps: int) -> None:
         self.steps = steps
+        if self.over_time.loads_change:
+            self.loads[:] = self.over_time.loads(steps)
 
     def energy(self) -> float:
         """Kinetic and gravitational energy of both bodies, J."""

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cylconn_ros.errors import ModelError
@@ -72,6 +73,54 @@ def test_a_strut(tmp_path: Path) -> None:
     assert (scene.reference.length, scene.command.slide.force) == pytest.approx((0.19, 12.0))
     assert scene.gravity == pytest.approx((0.0, 0.0, -9.81))
     assert [what.split()[0] for what in draft.left_out] == ["*CONNECTOR", "*DYNAMIC"]
+
+
+AMPLITUDES = """\
+*AMPLITUDE, NAME=RAMP
+0., 0., 0.1, 1.,
+0.3, 0.5
+*AMPLITUDE, NAME=SHAKER, DEFINITION=PERIODIC
+1, 31.41592653589793, 0., 0.5
+3., 4.
+*AMPLITUDE, NAME=SMOOTHED, DEFINITION=SMOOTH STEP
+0., 0., 1., 1.
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("RAMP", {"times": (0.0, 0.1, 0.3), "values": (0.0, 1.0, 0.5)}),
+        ("SHAKER", {"frequency": 5.0, "mean": 0.5, "amplitude": 5.0}),
+    ],
+)
+def test_an_amplitude_of_a_load(name: str, expected: dict[str, object], tmp_path: Path) -> None:
+    path = tmp_path / "strut.inp"
+    load = f"*CONNECTOR LOAD, AMPLITUDE={name}"
+    path.write_text(DECK.replace("*CONNECTOR LOAD", AMPLITUDES + load))
+    draft = from_abaqus.draft_of(path, "strut", "mm-t-s")
+    scene = draft.scene()
+    assert scene is not None
+    factor = scene.plant.slide_amplitude
+    for key, value in expected.items():
+        assert getattr(factor, key) == pytest.approx(value)
+    # A cos w t + B sin w t
+    t = 0.013
+    if name == "SHAKER":
+        angle = 2.0 * np.pi * 5.0 * t
+        assert factor.at(t) == pytest.approx(0.5 + 3.0 * np.cos(angle) + 4.0 * np.sin(angle))
+    assert scene.command.slide.force == pytest.approx(12.0)
+
+
+def test_an_amplitude_of_another_kind_is_listed_with_its_load(tmp_path: Path) -> None:
+    path = tmp_path / "strut.inp"
+    load = "*CONNECTOR LOAD, AMPLITUDE=SMOOTHED"
+    path.write_text(DECK.replace("*CONNECTOR LOAD", AMPLITUDES + load))
+    draft = from_abaqus.draft_of(path, "strut", "mm-t-s")
+    scene = draft.scene()
+    assert scene is not None
+    assert np.isnan(scene.command.slide.force)
+    assert any(what.startswith("*CONNECTOR LOAD") for what in draft.left_out)
 
 
 def test_tables_of_nonlinear_elasticity_and_damping(tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ class Minimal:
         self.y[:] = self.start
         ran = dense_output.trajectory(
             self.par, self.joint, self.y, self.times, self.rtol, 0.1 * self.times[1] + 1e-9,
-            self.rows, self.log, MAX_STEPS,
+            self.rows, self.log, MAX_STEPS, np.zeros(0), np.zeros((0, 30)),
         )  # fmt: skip
         if not ran.complete:
             raise RuntimeError(f"stopped at t = {ran.t:.9g} s")

@@ -68,7 +68,14 @@ MOBILITY: Final = 63  # S, 3
 BY_F1: Final = 66  # 4
 BY_M1: Final = 70  # 4
 START: Final = 74  # length of the reference configuration
-NJOINT: Final = 75
+OVER_TIME: Final = 75  # whether anything changes over time (methods/minimal/over_time.py); then:
+BASE: Final = 76  # what the factors multiply: loads 12, preload, position, velocity and force of
+#                   slide, of spin (NaN: not imposed)
+PIECES: Final = BASE + 19  # of each of 5 factors: start, value, slope, sine, omega, phase
+IMPOSED_ACCELERATION: Final = PIECES + 30  # of slide, of spin
+HELD: Final = IMPOSED_ACCELERATION + 2  # component that a lock holds: 1 slide, 2 spin; 0: none
+LONGEST_STEP: Final = HELD + 1  # s; 0: any
+NJOINT: Final = LONGEST_STEP + 1
 
 A_PRESCRIBED: Final = 0  # the motion of A is prescribed, B is free
 B_PRESCRIBED: Final = 1

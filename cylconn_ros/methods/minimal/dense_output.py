@@ -12,12 +12,17 @@ from cylconn_ros.core.relative_state import measure
 from cylconn_ros.core.rigid_body import Body, Motion
 from cylconn_ros.core.vectors import cross, matrix, out_of, sub
 from cylconn_ros.methods.minimal import derivatives
-from cylconn_ros.methods.minimal.coordinates import configuration, reduced_equations
+from cylconn_ros.methods.minimal.coordinates import PIECES, configuration, reduced_equations
 from cylconn_ros.methods.minimal.derivatives import size_of
 from cylconn_ros.methods.minimal.forces import compliant_stops, instant_of
-from cylconn_ros.methods.minimal.initial import apply_imposed_motion, initial_state
+from cylconn_ros.methods.minimal.initial import (
+    apply_imposed_motion,
+    initial_state,
+    turn_imposed_motion,
+)
 from cylconn_ros.methods.minimal.integrate import IntegrationResult, integrate
 from cylconn_ros.methods.minimal.one_step import ContactState
+from cylconn_ros.methods.minimal.over_time import set_time
 
 # --- a row: poses and twists of both bodies as in a sample, followed by ---
 COORDINATES: Final = 26  # length, angle, their rates
@@ -46,6 +51,7 @@ def _write_body(row: Array, first: int, body: Body, m: Motion) -> None:
 @allocating_function
 def write_row(par: Array, joint: Array, t: float, y: Array, s: ContactState, row: Array) -> None:
     """Fill ``row`` (WIDTH,) for the coordinates y at t."""
+    set_time(par, joint, t)
     p = configuration(par, joint, t, y)
     i = instant_of(par, joint, y, reduced_equations(par, joint, y, p), s.stuck, s.sides)
     _write_body(row, layout.A_POSE, model.body(par, model.BODY_A), p.a)
@@ -72,15 +78,19 @@ def initial_coordinates(par: Array, sample: Array, joint: Array, y: Array) -> No
     mem = np.zeros(model.NMEM)
     observed = measure(par, mem, sample, 0.0, np.zeros(layout.NOUT))
     initial_state(par, mem, sample, observed, joint, y)
+    set_time(par, joint, 0.0)
     apply_imposed_motion(par, joint, y)
 
 
 @allocating_kernel
 def trajectory(
     par: Array, joint: Array, y: Array, times: Array, tolerance: float, first: float,
-    rows: Array, log: Array, most: int,
+    rows: Array, log: Array, most: int, kinks: Array, pieces: Array,
 ) -> IntegrationResult:  # fmt: skip
-    """Integrate from 0 through ``times`` (N,), ascending, and fill ``rows`` (N, WIDTH)."""
+    """Integrate from 0 through ``times`` (N,), ascending, and fill ``rows`` (N, WIDTH).
+
+    kinks, pieces: (M,), (M, 30): factors over time from the times of index ``kinks`` on.
+    """
     ran = IntegrationResult(
         0.0,
         ContactState(False, (0, 0), False, False, False, -math.inf),
@@ -90,7 +100,7 @@ def trajectory(
         False,
         math.inf,
     )
-    evaluations, coarse = 0, math.inf
+    evaluations, coarse, kink = 0, math.inf, 0
     for k in range(times.shape[0]):
         s = ran.state
         ran = integrate(
@@ -102,6 +112,12 @@ def trajectory(
         if not ran.complete:
             break
         write_row(par, joint, times[k], y, ran.state, rows[k])
+        while kink < kinks.shape[0] and int(kinks[kink]) == k:
+            for j in range(pieces.shape[1]):
+                joint[PIECES + j] = pieces[kink, j]
+            set_time(par, joint, times[k])
+            turn_imposed_motion(par, joint, times[k], y, ran.state.locked)
+            kink += 1
     return IntegrationResult(
         ran.t, ran.state, ran.events, evaluations, ran.complete, ran.blocked, coarse
     )

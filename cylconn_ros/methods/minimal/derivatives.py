@@ -16,6 +16,7 @@ from cylconn_ros.methods.minimal.coordinates import (
 )
 from cylconn_ros.methods.minimal.fixed_shaft import reduced_on_shaft
 from cylconn_ros.methods.minimal.forces import Instant, Sides, instant, instant_of
+from cylconn_ros.methods.minimal.over_time import set_time
 
 # integrals after the coordinates: |s|, FN, f1f, m1f, f1, m1
 SLIP_INTEGRAL: Final = 0
@@ -61,6 +62,7 @@ def derivatives_at(
     par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
 ) -> Instant:
     """Write dy/dt to ``k``; returns accelerations and forces."""
+    set_time(par, joint, t)
     if joint[coordinates.MODE] == coordinates.BOTH_FREE:
         p = configuration(par, joint, t, y)
         i = instant_of(par, joint, y, reduced_equations(par, joint, y, p), stuck, sides)
@@ -77,6 +79,7 @@ def stage_derivatives(
     par: Array, joint: Array, t: float, y: Array, stuck: bool, sides: Sides, k: Array
 ) -> bool:
     """Write dy/dt to ``k`` for a stage; returns whether slip jams."""
+    set_time(par, joint, t)
     if joint[coordinates.FIXED_SHAFT] == 0.0:
         return derivatives_at(par, joint, t, y, stuck, sides, k).jammed
     i = instant_of(par, joint, y, reduced_on_shaft(joint, y), stuck, sides)

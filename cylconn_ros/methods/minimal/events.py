@@ -29,6 +29,7 @@ from cylconn_ros.methods.minimal.forces import (
     slip_persists,
 )
 from cylconn_ros.methods.minimal.one_step import ContactState, step
+from cylconn_ros.methods.minimal.over_time import longest_step, set_time
 
 # kinds of events; a row of the log holds time, kind, length, angle, restitution
 RESTS: Final = 1
@@ -146,6 +147,7 @@ def contact_conditions(
     If stick exceeds the friction limit, but slip would jam as soon as it starts, it sticks as the
     limit of infinitely many jams: ``beyond_limit``.
     """
+    set_time(par, joint, t)
     stuck, sides, a = _solve_contact(par, joint, t, y, locked, was_stick)
     if not model.law(par).on or stuck or y[coordinates.SLIDE] != 0.0 or y[coordinates.SPIN] != 0.0:
         return stuck, sides, a, False
@@ -226,11 +228,14 @@ def start_slip(
 
 @allocating_function
 def longest_stick_step(joint: Array, y: Array, beyond_limit: bool) -> float:
-    """The longest step in stick, s: a rotation of 0.1 rad, or 0.01 rad if ``beyond_limit``."""
+    """The longest step in stick, s: a rotation of 0.1 rad, or 0.01 rad if ``beyond_limit``.
+
+    A sine over time bounds it, too: breakaway is looked for at the end of the step.
+    """
     free = joint[coordinates.MODE] == coordinates.BOTH_FREE
     w = norm(
         model.vector(y, coordinates.A_SPIN)
         if free
         else model.vector(joint, coordinates.PRESCRIBED + 10)
     )
-    return (0.01 if beyond_limit else 0.1) / w if w > 0.0 else math.inf
+    return min((0.01 if beyond_limit else 0.1) / w if w > 0.0 else math.inf, longest_step(joint))

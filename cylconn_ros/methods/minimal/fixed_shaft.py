@@ -49,6 +49,7 @@ def prepare(par: Array, joint: Array, y: Array) -> None:
     tilt = joint[coordinates.SWING + 1], joint[coordinates.SWING + 2]
     if (
         joint[coordinates.MODE] != coordinates.A_PRESCRIBED
+        or joint[coordinates.OVER_TIME] != 0.0
         or turning != (0.0, 0.0, 0.0)
         or tilt != (0.0, 0.0)
     ):

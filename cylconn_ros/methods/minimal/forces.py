@@ -30,6 +30,7 @@ from cylconn_ros.methods.minimal.coordinates import (
     reduced_equations,
 )
 from cylconn_ros.methods.minimal.fixed_shaft import reduced_on_shaft
+from cylconn_ros.methods.minimal.over_time import prescribed_acceleration
 
 SHORT_TIME: Final = 1e-9  # s, over which the disc of accelerations is solved; any short time works
 
@@ -177,7 +178,7 @@ def _slip_at_limit(
     sides: Sides,
 ) -> Instant:  # fmt: skip
     """Slip with a component at a limit."""
-    active = eliminate_limits(r.free, r.s, sides, (0.0, 0.0))
+    active = eliminate_limits(r.free, r.s, sides, prescribed_acceleration(joint, sides))
     return _slip(par, joint, y, r, spring, damper, push, active)
 
 
@@ -243,7 +244,7 @@ def regime_from_rest(
     law = law_at(par, joint[coordinates.START], y[coordinates.LENGTH])
     _, _, push = forces_on(par, joint, y)
     r = with_forces(equations(par, joint, t, y), push[0], push[1])
-    active = eliminate_limits(r.free, r.s, sides, (0.0, 0.0))
+    active = eliminate_limits(r.free, r.s, sides, prescribed_acceleration(joint, sides))
     if not law.on:
         return FRICTIONLESS, active.free
     tau = SHORT_TIME

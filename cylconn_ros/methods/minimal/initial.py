@@ -50,6 +50,28 @@ def apply_imposed_motion(par: Array, joint: Array, y: Array) -> None:
 
 
 @allocating_function
+def turn_imposed_motion(par: Array, joint: Array, t: float, y: Array, locked: bool) -> None:
+    """Give imposed motions their rates after a kink over time, by an impulse."""
+    held = int(par[model.LOCK]) if locked else 0
+    sides = (
+        2 if is_motion_imposed(par, 0) and held != 1 else 0,
+        2 if is_motion_imposed(par, 1) and held != 2 else 0,
+    )
+    if sides == (0, 0):
+        return
+    rates = (
+        model.value_or(par[model.COMMAND + 1], 0.0),
+        model.value_or(par[model.COMMAND + 4], 0.0),
+    )
+    unchanged = True
+    for k in range(2):
+        unchanged = unchanged and (sides[k] == 0 or y[coordinates.SLIDE + k] == rates[k])
+    if not unchanged:
+        n = 17 if joint[coordinates.MODE] == coordinates.BOTH_FREE else 4
+        impose_rates(par, joint, t, y, n, sides, rates)
+
+
+@allocating_function
 def _write_motion(a: Array, first: int, m: Motion) -> None:
     model.write_vector(a, first, m.com)
     for k in range(4):

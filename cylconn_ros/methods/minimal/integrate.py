@@ -28,6 +28,7 @@ from cylconn_ros.methods.minimal.one_step import (
     step,
     stiffness_estimate,
 )
+from cylconn_ros.methods.minimal.over_time import hold, longest_step, set_time
 from cylconn_ros.methods.minimal.radau import stiffness
 
 # The explicit method is stable up to h times the stiffness of about 6.
@@ -134,6 +135,7 @@ def _apply_event(
         k = int(par[model.LOCK]) - 1
         if event == events.LOCK_AT:
             y[coordinates.LENGTH + k] = par[model.LOCK + 1]
+        hold(joint, k)
         sides = (2, s.sides[1]) if k == 0 else (s.sides[0], 2)
         rest = (0.0, y[coordinates.SPIN]) if k == 0 else (y[coordinates.SLIDE], 0.0)
         impose_rates(par, joint, t, y, n, sides, rest)
@@ -157,7 +159,7 @@ def _longest_step(
     if s.stuck:
         pause = s.until - t if s.until > t else math.inf
         return min(longest_stick_step(joint, y, s.beyond_limit), pause)
-    longest = math.inf
+    longest = longest_step(joint)
     if slowing > 0.0:
         longest = events.REST_STEP_SHARE * i.slip / slowing
     for k in range(2):  # off a stop: not beyond the reversal, or the bounce would be missed
@@ -303,6 +305,7 @@ def _restart_after_event(
     t, kind, beyond_limit = g.t, what.kind, g.s.beyond_limit
     stops = kind == events.JAMS or kind == events.RESTS
     if kind == events.JAMS:
+        set_time(par, joint, t)
         impose_rates(par, joint, t, y, size_of(joint), (2, 2), _imposed_rates(par, g.s))
     sticks = kind == events.BREAKS_AWAY or kind == events.JAMS  # after a jam, stick if admissible
     pause = g.floor if stops else 0.0

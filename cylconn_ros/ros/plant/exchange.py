@@ -55,10 +55,10 @@ class Exchange:
             for body in scene.bodies
         ]
         self._load_writer = StampedWriter(scene.world_frame)
-        loads = [np.array(body.load) for body in (scene.plant.body_a, scene.plant.body_b)]
-        self._loads = {i: loads[i] for i in self.moving if loads[i].any()}
+        loads = [body.load for body in (scene.plant.body_a, scene.plant.body_b)]
+        self._loaded = [i for i in self.moving if any(loads[i])]
         for i in self.moving:
-            if i in self._loads:
+            if i in self._loaded:
                 self.outputs[f"{BODIES[i]}/load"] = WRENCH
             for kind, _ in self._writers[i]:
                 self.outputs[f"{BODIES[i]}/{kind.topic}"] = kind.type
@@ -104,10 +104,13 @@ class Exchange:
             return wrench_stamp
         return None
 
-    def loads(self, stamp: int) -> Iterator[tuple[str, bytes]]:
-        """Relative topic and message of each load, stamp in ns; a connector holds the load."""
-        for i, load in self._loads.items():
-            yield f"{BODIES[i]}/load", self._load_writer.write(stamp, load)
+    def loads(self, stamp: int, loads: np.ndarray) -> Iterator[tuple[str, bytes]]:
+        """Relative topic and message of each load of (12,) ``loads``, stamp in ns.
+
+        A connector holds the load.
+        """
+        for i in self._loaded:
+            yield f"{BODIES[i]}/load", self._load_writer.write(stamp, loads[6 * i : 6 * i + 6])
 
     def messages(self, stamp: int, state: np.ndarray) -> Iterator[tuple[str, bytes]]:
         """Relative topic and message of each part of a sample: (26,) ``state``, stamp in ns."""

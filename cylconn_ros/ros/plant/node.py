@@ -17,6 +17,7 @@ from rclpy.task import Future
 
 from cylconn_ros.core import plant as physics
 from cylconn_ros.errors import SceneError
+from cylconn_ros.messages.commands.command_writer import CommandWriter
 from cylconn_ros.ros import qos, run_node
 from cylconn_ros.ros.arguments import Arguments
 from cylconn_ros.ros.connector.parameters import declare, ros_part
@@ -34,10 +35,11 @@ USAGE = """\
 usage: plant [--version] --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] ...
 
 Two rigid bodies in place of a simulator: publishes their poses and twists, and integrates their
-motion under the wrenches received and constant loads (plant.body_a.load, plant.body_b.load, sent on
-body_a/load, body_b/load). Takes the same parameter file as connector; its own parameters begin with
-plant. With several connectors, the last part of the namespace names the one to use
-(-r __ns:=/NAME).
+motion under the wrenches received and loads (plant.body_a.load, plant.body_b.load, sent on
+body_a/load, body_b/load). What has an amplitude over time is sent with every sample: loads, and
+preload, motion or force on /connector/preload and /connector/command. Takes the same parameter file
+as connector; its own parameters begin with plant. With several connectors, the last part of the
+namespace names the one to use (-r __ns:=/NAME).
 Lock step (plant.lock_step, the default): waits for the wrenches of each sample before the next.
 Free running: plant.rate samples per second, each step with the newest wrenches.
 Delay (plant.latency, or latency if > 0): a wrench acts that number of periods after its sample.
@@ -88,13 +90,16 @@ class PlantNode(Node):
         self._total = max(1, round(duration)) if math.isfinite(duration) else None
         self._steps = 0
         self._exchange = Exchange(self.scene, self.counts)
+        self._commands = CommandWriter(self.scene)
+        self._command_topics = _command_topics(self._commands, namespace, name)
+        commands = [(self._command_topics[of], kind) for of, kind in self._commands.topics.items()]
         delay = self.scene.plant_latency
         self._late = self.make_delay(delay) if delay > 0.0 else None
         self._out = {
             name: self.create_publisher(
                 message_class(kind), name, qos.samples(), qos_overriding_options=qos.overriding()
             )
-            for name, kind in self._exchange.outputs.items()
+            for name, kind in (*self._exchange.outputs.items(), *commands)
         }
         for body in self._exchange.moving:
             self.create_subscription(
@@ -150,12 +155,17 @@ class PlantNode(Node):
             self._send()
 
     def _send(self, first: bool = False) -> None:
-        """Send the sample, and the loads if the connector may not have them."""
-        if first or not self._settings.lock_step:
-            for name, data in self._exchange.loads(self.plant.time_ns):
-                self._out[name].publish(data)
-                if first:  # the sample must not arrive before them
-                    self._out[name].wait_for_all_acked(_ACKNOWLEDGE)
+        """Send the sample, and before it commands, and loads that the connector may not have."""
+        stamp, changing, last = self.plant.time_ns, self.plant.over_time, ""
+        # Commands have no stamp for which a sample could wait: it is sent after them, and the
+        # connector takes what has arrived before each sample.
+        for name, data in self._commands.write(stamp, self.plant.steps):
+            self._out[last := self._command_topics[name]].publish(data)
+        if first or changing.loads_change or not self._settings.lock_step:
+            for name, data in self._exchange.loads(stamp, self.plant.loads):
+                self._out[last := name].publish(data)
+        if first and last:  # the sample must not arrive before them
+            self._out[last].wait_for_all_acked(_ACKNOWLEDGE)
         for name, data in self._exchange.messages(self.plant.time_ns, self.plant.state):
             self._out[name].publish(data)
 
@@ -261,6 +271,15 @@ class PlantNode(Node):
 
     def _names(self, names: list[str]) -> str:
         return ", ".join(self.resolve_topic_name(name) for name in names)
+
+
+def _command_topics(commands: CommandWriter, namespace: str, name: str) -> dict[str, str]:
+    """Topics of the node ``connector`` beside the plant by their relative names."""
+    base = namespace.rstrip("/")
+    if name != multiple.ONE:
+        base = base.rpartition("/")[0]
+    of = "" if name == multiple.ONE else f"{name}/"
+    return {topic: f"{base}/connector/{of}{topic[2:]}" for topic in commands.topics}
 
 
 def _make(arguments: Arguments) -> PlantNode:

@@ -196,8 +196,9 @@ def test_the_fixed_base_reduction_equals_the_general_equations(friction: dict[st
         rows = np.zeros((3, dense_output.WIDTH))
         times = np.array([0.0, 0.15, 0.3])
         ran = dense_output.trajectory(
-            par, joint, y, times, 1e-12, 0.01, rows, np.zeros((9, LOG_WIDTH)), 100000
-        )
+            par, joint, y, times, 1e-12, 0.01, rows, np.zeros((9, LOG_WIDTH)), 100000,
+            np.zeros(0), np.zeros((0, 30)),
+        )  # fmt: skip
         assert ran.complete
         found.append(rows)
     lean_one, general = (rows[:, : dense_output.INTEGRALS] for rows in found)
