@@ -316,7 +316,7 @@ def _coarse_change(scene: Scene, part: Part, fitted: KineticFit, taken: int, who
         measured = together(measure_intervals(scene, *part), taken)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = slip_windows(measured, segments, fitted.law.radius)
-        data = Calibrated.of(slips, ContactLoads.of(slips))
+        data = Calibrated.of(slips, ContactLoads.of(slips), fitted.law.radius)
         again = fit_law(data, fitted.law, fitted.free)
     except (IdentifyError, np.linalg.LinAlgError):
         return np.zeros(len(fitted.free))

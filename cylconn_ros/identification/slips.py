@@ -77,7 +77,7 @@ def prepare(
     skipped["between slip and rest, or in a segment that is too short"] = between
     loads = ContactLoads.of(slips)
     return Prepared(
-        measured, taken, correlation, segments, skipped, loads, Calibrated.of(slips, loads)
+        measured, taken, correlation, segments, skipped, loads, Calibrated.of(slips, loads, radius)
     )
 
 

@@ -188,7 +188,7 @@ def test_noise_does_not_bias_the_law() -> None:
         intervals=np.ones(n, dtype=np.intp),
         rejected=0,
     )
-    data = Calibrated.of(w, ContactLoads.of(w))
+    data = Calibrated.of(w, ContactLoads.of(w), law.radius)
     found = fit_law(data, FrictionLaw(0.2, 0.0, 10.0, 0.03), range(4))
     off = (found.law.vector - law.vector)[:4] / np.sqrt(np.diag(found.covariance))
     assert np.abs(off).max() < 3.5, off
