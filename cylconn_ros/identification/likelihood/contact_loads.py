@@ -150,7 +150,7 @@ class Calibrated:
             (windows_kernel.F1, self.force), (windows_kernel.OWN, self.own[:, upper[0], upper[1]]),
             (windows_kernel.REST, self.rest[:, upper[0], upper[1]]),
             (windows_kernel.SHARED, self.shared.reshape(-1, 4)),
-            (windows_kernel.NOISE, w.rate_noise),
+            (windows_kernel.NOISE, w.rate_noise), (windows_kernel.PLACE, w.places[:, :1]),
         ):  # fmt: skip
             found[:, at : at + part.shape[1]] = part
         return found

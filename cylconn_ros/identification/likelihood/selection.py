@@ -10,6 +10,7 @@ costs least leaves first.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from typing import NamedTuple
 
@@ -24,9 +25,12 @@ from cylconn_ros.identification.likelihood.contact_loads import (
 from cylconn_ros.identification.likelihood.kinetic import (
     MAX_ITERATIONS,
     KineticFit,
+    cost,
+    finished,
     fit_law,
     parameter_scales,
     predicted_deviations,
+    searched,
     unexplained,
 )
 from cylconn_ros.identification.likelihood.law import (
@@ -152,15 +156,23 @@ def _starts(data: Calibrated, law: FrictionLaw, names: list[str]) -> list[Fricti
 
 def _best_fit(data: Calibrated, starts: list[FrictionLaw], free: list[int]) -> KineticFit | None:
     """Return the most likely fit of several starts; rough if there are several."""
-    best: KineticFit | None = None
+    iterations = ROUGH if len(starts) > 1 else MAX_ITERATIONS
+    laws = []
     for start in starts:
-        try:
-            tried = fit_law(data, start, free, ROUGH if len(starts) > 1 else MAX_ITERATIONS)
-        except (IdentifyError, np.linalg.LinAlgError):
-            continue
-        if best is None or tried.cost < best.cost:
-            best = tried
-    return best
+        with contextlib.suppress(np.linalg.LinAlgError):
+            laws.append(searched(data, start, free, iterations))
+    if len(laws) > 1:
+        laws.sort(key=lambda law: _cost(data, law))
+    for law in laws:
+        with contextlib.suppress(IdentifyError, np.linalg.LinAlgError):
+            return finished(data, law, free)
+    return None
+
+
+def _cost(data: Calibrated, law: FrictionLaw) -> float:
+    """Return -ln L, infinite if it is no number."""
+    found = cost(data, law)
+    return found if np.isfinite(found) else float("inf")
 
 
 def _not_needed(fitted: KineticFit, name: str, cost: float) -> str:
