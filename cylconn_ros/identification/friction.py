@@ -31,7 +31,7 @@ from cylconn_ros.identification.forces.segments import (
     slip_rate,
 )
 from cylconn_ros.identification.inertia import InertiaProblem, estimate_inertia
-from cylconn_ros.identification.known import contradiction
+from cylconn_ros.identification.known import contradiction, wrongly_held
 from cylconn_ros.identification.likelihood.contact_loads import (
     Calibrated,
     ContactLoads,
@@ -249,6 +249,8 @@ def _judge_fit(
     doubts, remarks = known
     if choice.undetermined:
         doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
+    elif wrong := wrongly_held(prepared, choice):
+        doubts += (f"{wrong}; {SLOWER_FASTER}, or give its value (--known)",)
     doubt, remark = judge_overlap(prepared, choice.fitted)
     doubts = (*filter(None, [prepared.measured.problem, doubt]), *doubts)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]

@@ -24,8 +24,8 @@ from cylconn_ros.identification.likelihood.contact_loads import (
     ContactLoads,
     well_above_noise,
 )
+from cylconn_ros.identification.likelihood.excitation import BASE
 from cylconn_ros.identification.likelihood.law import NAMES, FrictionLaw
-from cylconn_ros.identification.likelihood.selection import BASE
 from cylconn_ros.scene.behaviour import INPUTS
 from cylconn_ros.scene.scene import Scene
 

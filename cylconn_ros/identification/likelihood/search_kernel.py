@@ -20,11 +20,11 @@ from cylconn_ros.identification.likelihood.windows_kernel import (
     CR1,
     DECAY,
     FR,
-    M,
     MU,
     OFFSET,
     PLACE,
     PRELOAD,
+    M,
     R,
     V,
     W,
@@ -191,7 +191,7 @@ def _step(rows: Array, right: Array, cut: float, u: Array, turned: Array, step: 
 
 @device_function
 def _bound(table: Array, bending: Array, law: Array, least: float, fits: Array) -> None:
-    """Bound the preload, so that FN stays away from zero, and the decay: ``_bounded`` of kinetic.py.
+    """Bound preload and decay as ``_bounded`` of kinetic.py.
 
     ``fits`` (10,): 1 for the parameters that are fitted.
     """
@@ -218,7 +218,7 @@ def _moved(law: Array, step: Array, scale: Array, free: NDArray[np.int64], tried
     for column in range(len(free)):
         k = free[column]
         change = step[column] * scale[k]
-        if k == MU or k == R or k == DECAY:  # noqa: PLR1714 (compiled)
+        if k in (MU, R, DECAY):
             tried[k] = math.exp(min(max(math.log(law[k]) + change, -LOGARITHMS), LOGARITHMS))
         else:
             tried[k] += change
@@ -241,8 +241,8 @@ def search(
 ) -> int:
     """Fit the parameters ``free`` (k,) of ``law`` (10,), which is changed; return the iterations.
 
-    ``contact``, ``sizes`` and ``bounds``: see the constants. For work: ``windows`` (4, n), ``weights`` (n, 4), ``pairs``
-    (2 n,), ``jacobian`` (2 n, k), ``small`` (5 + 2 k, max(k, 10)).
+    ``contact``, ``sizes`` and ``bounds``: see the constants. For work: ``windows`` (4, n),
+    ``weights`` (n, 4), ``pairs`` (2 n,), ``jacobian`` (2 n, k), ``small`` (5 + 2 k, max(k, 10)).
     """
     n, k = len(table), len(free)
     bending, slope, limit, spare = windows[0], windows[1], windows[2], windows[3]
@@ -280,7 +280,7 @@ def search(
         for column in range(k):
             at = free[column]
             change = tried[at] - law[at]
-            if at == MU or at == R or at == DECAY:  # noqa: PLR1714 (compiled)
+            if at in (MU, R, DECAY):
                 change = math.log(tried[at]) - math.log(law[at])
             moved = max(moved, abs(change / scale[at]))
         for i in range(len(law)):
