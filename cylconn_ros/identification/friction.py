@@ -25,6 +25,7 @@ from cylconn_ros.identification.forces.correlation import (
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
+from cylconn_ros.identification.forces.drives import PRESSED
 from cylconn_ros.identification.forces.intervals import measure_intervals
 from cylconn_ros.identification.forces.segments import (
     find_segments,
@@ -51,6 +52,7 @@ from cylconn_ros.identification.overlap import judge_overlap
 from cylconn_ros.identification.slips import (
     Prepared,
     free_parameters,
+    not_parameters,
     prepare,
     slip_windows,
     start_law,
@@ -150,7 +152,8 @@ def estimate_friction(
         samples: complete samples of a motion.
         known: parameters not to be estimated (:data:`PARAMETERS`), with their values in SI units.
         drive: (n, 2) force and moment of a known drive over the interval that ends with each
-            sample; default: the constant one of the scene.
+            sample; default: the constant one of the scene. A third column is the commanded preload,
+            which is then a known input, and no preload is estimated.
         unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
             too; the scene's are then the start of the search. It needs known forces.
         coarse: the same motion at half of the bandwidth, with its drive; the change of the
@@ -159,7 +162,10 @@ def estimate_friction(
 
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
-    known = dict(known or {})
+    commanded = drive is not None and drive.shape[1] > PRESSED
+    absent = not_parameters(scene, commanded, known or {})
+    asked = {name: value for name, value in (known or {}).items() if name not in absent}
+    known = {**asked, **dict.fromkeys(absent, 0.0)}
     start, given = start_law(scene, known), scene
     samples = SampleArrays.collect(samples)
     free, beside = free_parameters(known), None
@@ -176,7 +182,7 @@ def estimate_friction(
     right, lag = retimed(every, samples, drive, prepared, fitted)
     if right.remark and retime:
         result = estimate_friction(
-            given, right.samples, known, right.drive, unknown, right.coarse(coarse),
+            given, right.samples, asked, right.drive, unknown, right.coarse(coarse),
             retime=right.shift == 0.0,
         )  # fmt: skip
         return dataclasses.replace(result, remarks=(*result.remarks, right.remark))
@@ -189,9 +195,13 @@ def estimate_friction(
     change = _coarse_change(scene, less, fitted, taken, whole=coarse is not None)
     rest = static.estimate_static(measured, prepared.segments, fitted)
     estimates = estimates_of(fitted, change, choice, known, measured)
-    wrong = contradiction(prepared, start, choice, known)
+    wrong = contradiction(prepared, start, choice, known, absent)
     doubts, remarks = _judge_sensors(prepared, delay, lag, wrong)
     doubts, remarks, reason = _judge_fit(prepared, choice, fitted, patterns, (doubts, remarks))
+    estimates = [
+        dataclasses.replace(e, value=np.nan, note=absent[e.name]) if e.name in absent else e
+        for e in estimates
+    ]
     every_estimate = [*estimates, static_estimate(rest), *inertia]
     law = fitted.law
     return Identification(
@@ -218,7 +228,8 @@ def _of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Any]:
     _, cos, sin = slip(slips.rates, law.radius)
     along = np.stack([cos, sin / law.radius], axis=1)
     ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
-    normal = law.normal(loads.radial, loads.moment, prepared.data.bending(law.bending))
+    radial = loads.radial + slips.pressed
+    normal = law.normal(radial, loads.moment, prepared.data.bending(law.bending))
     variance = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     limit = law.ratio(slips.rates) * normal
     return {

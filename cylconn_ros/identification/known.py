@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -19,12 +19,17 @@ from cylconn_ros.identification.slips import Prepared, free_parameters
 
 
 def contradiction(
-    prepared: Prepared, start: FrictionLaw, choice: Choice, known: Iterable[str]
+    prepared: Prepared,
+    start: FrictionLaw,
+    choice: Choice,
+    known: Iterable[str],
+    absent: Mapping[str, str],
 ) -> str:
     """Say which known parameter the recording contradicts; empty if none.
 
     Each is estimated in turn, with the terms chosen anew. It is contradicted if that lowers the
-    criterion by more than DEMANDED.
+    criterion by more than DEMANDED. ``absent``: those that are zero since the friction does not
+    have them, with the reason.
     """
     data, given = prepared.data, set(known)
     for name in sorted(given):
@@ -38,6 +43,12 @@ def contradiction(
         if k not in fitted.free or gain <= DEMANDED:
             continue
         found, assumed = (_value(law, k) for law in (fitted.law, start))
+        if name in absent:
+            return (
+                f"the recording contradicts that {name} is {absent[name]}: a constant one of "
+                f"{found:.4g} beside it describes it better (criterion {-gain:+.1f}); correct "
+                "friction.inputs or the commanded preload"
+            )
         return (
             f"the recording contradicts the known {name} = {assumed:.4g}: it gives {found:.4g} "
             f"(criterion {-gain:+.1f}); leave {name} to be estimated"

@@ -186,6 +186,7 @@ def test_noise_does_not_bias_the_law() -> None:
         rate_noise=np.zeros((n, 2)),
         segment=np.zeros(n, dtype=np.intp),
         intervals=np.ones(n, dtype=np.intp),
+        pressed=np.zeros(n),
         rejected=0,
     )
     data = Calibrated.of(w, ContactLoads.of(w), law.radius)

@@ -77,7 +77,8 @@ class Calibrated:
     Attributes
     ----------
         windows: the windows.
-        loads: (n, 2) Fr and Mbend expected given the measured ones; N, N.m.
+        loads: (n, 2) Fr and Mbend expected given the measured ones; N, N.m. Fr includes a commanded
+            preload, which presses as it does and is known.
         force: (n, 2) f1f and m1f without what their noise shares with that of the loads.
         own: (n, 2, 2) covariance of ``force``.
         rest: (n, 2, 2) covariance of ``loads``. shared: (n, 2, 2) of ``loads`` and ``force``.
@@ -102,7 +103,8 @@ class Calibrated:
         both = across[:, :, [0, 3]]  # (n, load, force)
         mean, used = _means(x, w.rates, radius)
         # Scaled, since a force and a moment differ in size and unit.
-        unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max() + 1e-300)
+        unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max())
+        unit = np.where(unit > 0.0, unit, 1.0)  # loads that do not press are zero
         rest = (x - mean) / unit
         total = rest.T @ rest / (len(x) - used)
         white = (noise / np.outer(unit, unit)).mean(axis=0)
@@ -120,7 +122,7 @@ class Calibrated:
         own = w.covariance[:, [[0], [3]], [0, 3]] - back @ both
         return cls(
             windows=w,
-            loads=mean + np.einsum("nij,nj->ni", gain, off),
+            loads=mean + np.einsum("nij,nj->ni", gain, off) + w.pressed[:, None] * [1.0, 0.0],
             force=wrench,
             own=own,
             rest=true - gain @ true,

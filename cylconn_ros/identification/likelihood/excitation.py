@@ -95,6 +95,8 @@ def _not_excited(k: int, data: Calibrated, loads: ContactLoads, law: FrictionLaw
     if k == OVERLAP:
         if 2.0 * loads.moment.max() < 1e-3 * loads.radial.mean() * law.radius:
             return "not excited: there is no bending moment"
+        if not loads.radial.any():
+            return "not determined: without a radial force in FN (friction.inputs) only mu/L shows"
         bending = f"{loads.moment.min():.3g} to {loads.moment.max():.3g} N.m"
         return (
             f"not excited: radial force ({radial}) and bending moment ({bending}) hardly "
