@@ -49,6 +49,7 @@ from cylconn_ros.identification.likelihood.patterns import (
 from cylconn_ros.identification.likelihood.selection import Choice, choose
 from cylconn_ros.identification.load_lag import LoadLag, Part, retimed
 from cylconn_ros.identification.overlap import judge_overlap
+from cylconn_ros.identification.sampling import sampled_slowly
 from cylconn_ros.identification.slips import (
     Prepared,
     free_parameters,
@@ -267,6 +268,7 @@ def _judge_fit(
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
     if not rejected and (spread := unexplained_spread(prepared.data, fitted)):
         doubts += (spread,)
+    doubts += sampled_slowly(prepared, fitted)
     reason = next(iter([*doubts, *rejected]), "")
     if remark and not reason:
         remarks += (remark,)
