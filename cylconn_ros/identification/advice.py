@@ -39,8 +39,9 @@ def advice(found: Identification) -> list[str]:
     if _has_preload(found):
         lines.append(
             "if mass centre and gravity of the parameters are not certain: a mass centre off along "
-            "the slot, or missing gravity, looks like a preload; record the same motion with the "
-            "slot at another inclination too (--with), which leaves a pattern over the load if so"
+            "the slot, or missing gravity, looks like a preload; identify the same motion with the "
+            "slot at another inclination: a preload stays, what looks like one changes with the "
+            "weight across the slot"
         )
     if found.choice.alternatives:
         mass = sizes["mass"]
