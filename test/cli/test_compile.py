@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -64,10 +65,11 @@ def test_what_is_compiled_for_identify_is_what_a_fit_needs() -> None:
     if not COMPILED:
         pytest.skip("no compiler is installed")
     command._compile_identification()
-    compiled = len(search_kernel.search.signatures)
+    search: Any = search_kernel.search
+    compiled = len(search.signatures)
     samples = sensors.measured(joints.motion("Coulomb"), "white", 0)
     assert estimate_friction(joints.scene(), samples).accepted
-    assert len(search_kernel.search.signatures) == compiled
+    assert len(search.signatures) == compiled
 
 
 def test_without_the_compiler_the_command_says_so() -> None:

@@ -17,7 +17,7 @@ from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays
 from cylconn_ros.scene.scene import Scene
 
-TIME: NDArray[np.float64] = np.arange(joints.SAMPLES) * sensors.PERIOD
+TIME: NDArray[np.float64] = np.arange(joints.SAMPLES, dtype=np.float64) * sensors.PERIOD
 STEPS: NDArray[np.float64] = np.where(TIME // 0.7 % 2 == 0, 2.0, 9.0)
 WAVE: NDArray[np.float64] = 4.0 + 3.0 * np.sin(2.1 * TIME)
 

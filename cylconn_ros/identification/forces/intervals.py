@@ -192,7 +192,7 @@ def _intervals(
         usable &= ~rows
     skipped["not finite"] = int((~finite).sum())
     contact = contact_of(scene, float(places[0, 0]))
-    pressed = np.zeros(len(out))
+    pressed: Array = np.zeros(len(out))
     if drive is not None and drive.shape[1] > PRESSED and "preload" in scene.friction.inputs:
         pressed = drive[:, PRESSED]
     return Intervals(
