@@ -164,8 +164,7 @@ def estimate_friction(
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
     commanded = drive is not None and drive.shape[1] > PRESSED
-    absent = not_parameters(scene, commanded, known or {})
-    asked = {name: value for name, value in (known or {}).items() if name not in absent}
+    absent = not_parameters(scene, commanded, asked := dict(known or {}))
     known = {**asked, **dict.fromkeys(absent, 0.0)}
     start, given = start_law(scene, known), scene
     samples = SampleArrays.collect(samples)
@@ -199,11 +198,7 @@ def estimate_friction(
     wrong = contradiction(prepared, start, choice, known, absent)
     doubts, remarks = _judge_sensors(prepared, delay, lag, wrong)
     doubts, remarks, reason = _judge_fit(prepared, choice, fitted, patterns, (doubts, remarks))
-    estimates = [
-        dataclasses.replace(e, value=np.nan, note=absent[e.name]) if e.name in absent else e
-        for e in estimates
-    ]
-    every_estimate = [*estimates, static_estimate(rest), *inertia]
+    every_estimate = [*_present(estimates, absent), static_estimate(rest), *inertia]
     law = fitted.law
     return Identification(
         estimates={e.name: withheld(e, reason) if reason else e for e in every_estimate},
@@ -221,6 +216,14 @@ def estimate_friction(
         doubts=doubts,
         remarks=remarks,
     )
+
+
+def _present(estimates: Sequence[Estimate], absent: Mapping[str, str]) -> list[Estimate]:
+    """Return the estimates, those of ``absent`` parameters without a value and with the reason."""
+    return [
+        dataclasses.replace(e, value=np.nan, note=absent[e.name]) if e.name in absent else e
+        for e in estimates
+    ]
 
 
 def _of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Any]:
