@@ -1,8 +1,8 @@
 """Compile the physics into the cache, so that nodes and commands start without compiling.
 
-Compiled is what connector and plant need for the given scenes, or for every method. What the cache
-already has is loaded only. The cache belongs to this version of the package, to the installed numba
-and to the processor: run this command again after an update.
+Compiled is what connector and plant need for the given scenes; without scenes for every method, and
+what identify needs. What the cache already has is loaded only. The cache belongs to this version of
+the package, to the installed numba and to the processor: run this command again after an update.
 
 For example: cylconn compile        every method
              cylconn compile demo   the method of one scene
@@ -62,15 +62,16 @@ def every_method() -> dict[str, Scene]:
 def compile_with_progress(scenes: Mapping[str, Scene], coupled: bool = False) -> int:
     """Compile what connector and plant need for scenes, each on its own; show the progress.
 
-    ``coupled``: also what connectors that share a body need. Returns the number of functions that
-    were compiled; without any, nothing is shown.
+    ``coupled``: also what connectors that share a body need, and identify. Returns the number of
+    functions that were compiled; without any, nothing is shown.
     """
     from cylconn_ros.core import jit, plant
+    from cylconn_ros.identification.likelihood import search_kernel
     from cylconn_ros.methods.coupled.step import step_group
     from cylconn_ros.ros import compiling
 
     by_method = {compiling.choose_method(scene): scene for scene in scenes.values()}
-    shared = [step_group] if coupled else []
+    shared = [step_group, search_kernel.search] if coupled else []
     roots = [*compiling.kernels(by_method), plant.step, plant.energy, *shared]
     with _shown(jit.reached_from(roots)) as report, jit.watched(report.count):
         for name, scene in by_method.items():
@@ -78,6 +79,8 @@ def compile_with_progress(scenes: Mapping[str, Scene], coupled: bool = False) ->
             if coupled and TRAITS[name].couples:
                 compiling.compile_kernels({"a": scene, "b": scene})
         _compile_plant(next(iter(scenes.values())))
+        if coupled:
+            _compile_identification()
     return report.done
 
 
@@ -89,6 +92,19 @@ def _compile_plant(scene: Scene) -> None:
     plant = Plant(scene)
     plant.energy()
     plant.step(np.zeros(6), np.zeros(6))
+
+
+def _compile_identification() -> None:
+    import numpy as np
+
+    from cylconn_ros.identification.likelihood import search_kernel, windows_kernel
+
+    law = np.ones(windows_kernel.DECAY + 1)
+    search_kernel.search(
+        np.ones((1, windows_kernel.COLUMNS)), np.zeros(4), np.ones(4), np.ones(5),
+        np.zeros(1, np.int64), law, 0, np.empty((4, 1)), np.empty((1, 4)), np.empty(2),
+        np.empty((2, 1)), np.empty((7, len(law))),
+    )  # fmt: skip
 
 
 class _Report:

@@ -36,6 +36,13 @@ def advice(found: Identification) -> list[str]:
     left = found.choice.left_out
     if "one direction only" in left.get("offset force", ""):
         lines.append("for offset and direction: slide to and fro, not in one direction only")
+    if _has_preload(found):
+        lines.append(
+            "if mass centre and gravity of the parameters are not certain: a mass centre off along "
+            "the slot, or missing gravity, looks like a preload; identify the same motion with the "
+            "slot at another inclination: a preload stays, what looks like one changes with the "
+            "weight across the slot"
+        )
     if found.choice.alternatives:
         mass = sizes["mass"]
         lines.append(
@@ -49,6 +56,11 @@ def advice(found: Identification) -> list[str]:
     if not found.accepted:
         lines.append("repeat the motion at another rate and load, and compare the pattern")
     return lines
+
+
+def _has_preload(found: Identification) -> bool:
+    e = found.estimates.get("preload")
+    return e is not None and e.found and not e.low <= 0.0 <= e.high
 
 
 def feed_forward(found: Identification, suffix: str) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cylconn_ros.identification import static
 from cylconn_ros.identification.forces.contact import Contact
 from cylconn_ros.identification.forces.intervals import Intervals
+from cylconn_ros.identification.likelihood.excitation import BASE
 from cylconn_ros.identification.likelihood.kinetic import KineticFit
 from cylconn_ros.identification.likelihood.law import (
     COEFFICIENT,
@@ -20,7 +21,7 @@ from cylconn_ros.identification.likelihood.law import (
     VISCOUS,
 )
 from cylconn_ros.identification.likelihood.patterns import Pattern
-from cylconn_ros.identification.likelihood.selection import BASE, TERMS, Choice
+from cylconn_ros.identification.likelihood.selection import TERMS, Choice
 
 Array = NDArray[np.float64]
 

@@ -25,13 +25,14 @@ from cylconn_ros.identification.forces.correlation import (
     together,
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
+from cylconn_ros.identification.forces.drives import PRESSED
 from cylconn_ros.identification.forces.intervals import measure_intervals
 from cylconn_ros.identification.forces.segments import (
     find_segments,
     slip_rate,
 )
 from cylconn_ros.identification.inertia import InertiaProblem, estimate_inertia
-from cylconn_ros.identification.known import contradiction
+from cylconn_ros.identification.known import contradiction, wrongly_held
 from cylconn_ros.identification.likelihood.contact_loads import (
     Calibrated,
     ContactLoads,
@@ -48,9 +49,11 @@ from cylconn_ros.identification.likelihood.patterns import (
 from cylconn_ros.identification.likelihood.selection import Choice, choose
 from cylconn_ros.identification.load_lag import LoadLag, Part, retimed
 from cylconn_ros.identification.overlap import judge_overlap
+from cylconn_ros.identification.sampling import sampled_slowly
 from cylconn_ros.identification.slips import (
     Prepared,
     free_parameters,
+    not_parameters,
     prepare,
     slip_windows,
     start_law,
@@ -150,7 +153,8 @@ def estimate_friction(
         samples: complete samples of a motion.
         known: parameters not to be estimated (:data:`PARAMETERS`), with their values in SI units.
         drive: (n, 2) force and moment of a known drive over the interval that ends with each
-            sample; default: the constant one of the scene.
+            sample; default: the constant one of the scene. A third column is the commanded preload,
+            which is then a known input, and no preload is estimated.
         unknown: ``mass`` and ``inertia`` (about the slot) of the free body if they are estimated
             too; the scene's are then the start of the search. It needs known forces.
         coarse: the same motion at half of the bandwidth, with its drive; the change of the
@@ -159,7 +163,9 @@ def estimate_friction(
 
     Raises IndeterminateError if the motion does not suffice, SceneError without an inertia.
     """
-    known = dict(known or {})
+    commanded = drive is not None and drive.shape[1] > PRESSED
+    absent = not_parameters(scene, commanded, asked := dict(known or {}))
+    known = {**asked, **dict.fromkeys(absent, 0.0)}
     start, given = start_law(scene, known), scene
     samples = SampleArrays.collect(samples)
     free, beside = free_parameters(known), None
@@ -176,7 +182,7 @@ def estimate_friction(
     right, lag = retimed(every, samples, drive, prepared, fitted)
     if right.remark and retime:
         result = estimate_friction(
-            given, right.samples, known, right.drive, unknown, right.coarse(coarse),
+            given, right.samples, asked, right.drive, unknown, right.coarse(coarse),
             retime=right.shift == 0.0,
         )  # fmt: skip
         return dataclasses.replace(result, remarks=(*result.remarks, right.remark))
@@ -189,10 +195,10 @@ def estimate_friction(
     change = _coarse_change(scene, less, fitted, taken, whole=coarse is not None)
     rest = static.estimate_static(measured, prepared.segments, fitted)
     estimates = estimates_of(fitted, change, choice, known, measured)
-    wrong = contradiction(prepared, start, choice, known)
+    wrong = contradiction(prepared, start, choice, known, absent)
     doubts, remarks = _judge_sensors(prepared, delay, lag, wrong)
     doubts, remarks, reason = _judge_fit(prepared, choice, fitted, patterns, (doubts, remarks))
-    every_estimate = [*estimates, static_estimate(rest), *inertia]
+    every_estimate = [*_present(estimates, absent), static_estimate(rest), *inertia]
     law = fitted.law
     return Identification(
         estimates={e.name: withheld(e, reason) if reason else e for e in every_estimate},
@@ -212,13 +218,22 @@ def estimate_friction(
     )
 
 
+def _present(estimates: Sequence[Estimate], absent: Mapping[str, str]) -> list[Estimate]:
+    """Return the estimates, those of ``absent`` parameters without a value and with the reason."""
+    return [
+        dataclasses.replace(e, value=np.nan, note=absent[e.name]) if e.name in absent else e
+        for e in estimates
+    ]
+
+
 def _of_windows(prepared: Prepared, law: FrictionLaw) -> dict[str, Any]:
     """Return the attributes of an identification that describe its windows."""
     slips, loads, measured = prepared.data.windows, prepared.loads, prepared.measured
     _, cos, sin = slip(slips.rates, law.radius)
     along = np.stack([cos, sin / law.radius], axis=1)
     ours = slips.wrench[:, [0, 3]] + law.without_coulomb(slips.rates)
-    normal = law.normal(loads.radial, loads.moment, prepared.data.bending(law.bending))
+    radial = loads.radial + slips.pressed
+    normal = law.normal(radial, loads.moment, prepared.data.bending(law.bending))
     variance = np.einsum("ni,nij,nj->n", along, slips.covariance[:, [[0], [3]], [0, 3]], along)
     limit = law.ratio(slips.rates) * normal
     return {
@@ -249,11 +264,14 @@ def _judge_fit(
     doubts, remarks = known
     if choice.undetermined:
         doubts += (f"{choice.undetermined}; {SLOWER_FASTER}",)
+    elif wrong := wrongly_held(prepared, choice):
+        doubts += (f"{wrong}; {SLOWER_FASTER}, or give its value (--known)",)
     doubt, remark = judge_overlap(prepared, choice.fitted)
     doubts = (*filter(None, [prepared.measured.problem, doubt]), *doubts)
     rejected = [f"model rejected: {one.describe()}" for one in patterns if one.rejected]
     if not rejected and (spread := unexplained_spread(prepared.data, fitted)):
         doubts += (spread,)
+    doubts += sampled_slowly(prepared, fitted)
     reason = next(iter([*doubts, *rejected]), "")
     if remark and not reason:
         remarks += (remark,)
@@ -316,7 +334,7 @@ def _coarse_change(scene: Scene, part: Part, fitted: KineticFit, taken: int, who
         measured = together(measure_intervals(scene, *part), taken)
         segments = find_segments(measured, fitted.law.radius)
         slips, _ = slip_windows(measured, segments, fitted.law.radius)
-        data = Calibrated.of(slips, ContactLoads.of(slips))
+        data = Calibrated.of(slips, ContactLoads.of(slips), fitted.law.radius)
         again = fit_law(data, fitted.law, fitted.free)
     except (IdentifyError, np.linalg.LinAlgError):
         return np.zeros(len(fitted.free))

@@ -162,7 +162,7 @@ def drive_lag(
 ) -> LoadLag:
     """Estimate the lag of an effort."""
     moved = np.zeros_like(measured.wrench)
-    moved[:, [0, 3]] = drive - shifted(samples, drive, 1.0)
+    moved[:, [0, 3]] = (drive - shifted(samples, drive, 1.0))[:, :2]
     if not moved.any():
         return LoadLag(0.0, np.inf, 0.0, measured.step, True)
     found = _lag(moved, True, measured, prepared, fitted)
@@ -170,7 +170,10 @@ def drive_lag(
 
 
 def shifted(samples: SampleArrays, drive: Array, periods: float) -> Array:
-    """Return the drive as it is ``periods`` later, interpolated within each history."""
+    """Return the drive as it is ``periods`` later, interpolated within each history.
+
+    Not a commanded preload, its third column.
+    """
     found, number = drive.copy(), np.arange(len(drive), dtype=np.float64)
     edges = [*np.flatnonzero(np.r_[True, samples.restarted[1:]]).tolist(), len(drive)]
     for first, last in itertools.pairwise(edges):

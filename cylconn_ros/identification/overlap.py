@@ -32,7 +32,7 @@ def overlap_gain(prepared: Prepared, fitted: KineticFit) -> float:
         costs = []
         for windows in (other, ours):
             chosen = windows.take(np.isin(windows.time, common))
-            data = Calibrated.of(chosen, ContactLoads.of(chosen))
+            data = Calibrated.of(chosen, ContactLoads.of(chosen), fitted.law.radius)
             costs.append(criterion(fit_law(data, fitted.law, fitted.free), len(data)))
     except (IdentifyError, np.linalg.LinAlgError):
         return float("nan")

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from cylconn_ros.errors import IdentifyError
 from cylconn_ros.identification.effort import AxisEstimate, AxisRecording, estimate_axis
-from cylconn_ros.identification.forces.drives import JOINT_STATE, known_drive
+from cylconn_ros.identification.forces.drives import (
+    JOINT_STATE,
+    PRESSED,
+    commanded_preload,
+    known_drive,
+)
 from cylconn_ros.identification.forces.long_recordings import (
     MOST_SAMPLES,
     collect_bounded,
@@ -139,6 +144,9 @@ def _read(
             MOST_SAMPLES // len(runs),
         )
         acting = known_drive(run, samples, drive)
+        pressed = commanded_preload(run, samples, scene.friction.preload)
+        if pressed is not None:
+            acting = np.column_stack([_or_constant(acting, len(samples), scene), pressed])
         left_out += left
         if from_poses or has_no_twists(samples):
             wanted = bandwidth or BANDWIDTH
@@ -162,10 +170,23 @@ def _together(parts: Sequence[Part], scene: Scene) -> Part:
     samples = joined([part for part, _ in parts])
     if all(drive is None for _, drive in parts):
         return samples, None
-    command = scene.command
-    constant = np.nan_to_num([command.slide.force, command.spin.force])
-    drives = [np.tile(constant, (len(part), 1)) if one is None else one for part, one in parts]
+    drives = [_or_constant(one, len(part), scene) for part, one in parts]
+    width = max(one.shape[1] for one in drives)
+    if width > PRESSED:  # a preload was commanded in one of them
+        constant = scene.friction.preload
+        drives = [
+            one if one.shape[1] == width else np.column_stack([one, np.full(len(one), constant)])
+            for one in drives
+        ]
     return samples, np.concatenate(drives)
+
+
+def _or_constant(drive: Array | None, samples: int, scene: Scene) -> Array:
+    """Return the drive (n, 2), or the constant imposed forces of the scene if it is None."""
+    if drive is not None:
+        return drive
+    command = scene.command
+    return np.tile(np.nan_to_num([command.slide.force, command.spin.force]), (samples, 1))
 
 
 def identify_axis(

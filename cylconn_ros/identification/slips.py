@@ -24,9 +24,8 @@ from cylconn_ros.identification.likelihood.contact_loads import (
     ContactLoads,
     well_above_noise,
 )
+from cylconn_ros.identification.likelihood.excitation import BASE
 from cylconn_ros.identification.likelihood.law import NAMES, FrictionLaw
-from cylconn_ros.identification.likelihood.selection import BASE
-from cylconn_ros.scene.behaviour import INPUTS
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -77,7 +76,7 @@ def prepare(
     skipped["between slip and rest, or in a segment that is too short"] = between
     loads = ContactLoads.of(slips)
     return Prepared(
-        measured, taken, correlation, segments, skipped, loads, Calibrated.of(slips, loads)
+        measured, taken, correlation, segments, skipped, loads, Calibrated.of(slips, loads, radius)
     )
 
 
@@ -90,16 +89,38 @@ def start_law(scene: Scene, known: Mapping[str, float]) -> FrictionLaw:
             "friction.radius: is not in the parameters; the slip rate of a spin needs it: give it "
             "with --params (then it is the start value) or --known radius=0.02"
         )
-    if len(friction.inputs) < len(INPUTS):
-        left_out = ", ".join(name for name in INPUTS if name not in friction.inputs)
-        raise IdentifyError(
-            f"friction.inputs: leaves out {left_out}; friction that ignores a part of the load is "
-            "not estimated: give all three, and what does not matter is found to be zero"
-        )
     overlap = known.get("overlap", friction.overlap)
     mu = friction.mean_coefficient if friction.mean_coefficient > 0.0 else 0.1
     preload = known.get("preload", friction.preload)
     return FrictionLaw(mu, preload, 2.0 / overlap if overlap > 0.0 else 0.0, radius)
+
+
+def not_parameters(scene: Scene, commanded: bool, known: Mapping[str, float]) -> dict[str, str]:
+    """Return the parameters that the recorded friction does not have, with the reason.
+
+    ``commanded``: the preload is a recorded input. ``known``: values that the user gave. They count
+    as zero. Raises IdentifyError if nothing presses shaft and sleeve together.
+    """
+    inputs, found = scene.friction.inputs, {}
+    if "preload" not in inputs:
+        found["preload"] = "left out (friction.inputs)"
+    elif commanded:
+        found["preload"] = "commanded in the recording (~/preload): a known input"
+        if "preload" in known:
+            raise IdentifyError(
+                f"known preload = {known['preload']:g}: the preload was commanded in the recording "
+                "(~/preload), and its values are used; do not give another one"
+            )
+    if "bending" not in inputs:
+        found["overlap"] = "left out (friction.inputs)"
+    pressing = known.get("preload", scene.friction.preload)
+    if tuple(inputs) == ("preload",) and not commanded and not pressing > 0.0:
+        raise IdentifyError(
+            "friction.inputs = [preload] with preload = 0: nothing presses shaft and sleeve "
+            "together; only mu FCint shows in such a recording: give the preload (with --params, "
+            "or --known preload=VALUE)"
+        )
+    return found
 
 
 def free_parameters(known: Mapping[str, float]) -> list[int]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.forces.contact import Contact
+from cylconn_ros.identification.forces.contact import Contact, pressing
 from cylconn_ros.identification.forces.cubics import noise_covariance
 from cylconn_ros.identification.forces.intervals import Intervals
 from cylconn_ros.identification.forces.segments import (
@@ -73,6 +73,7 @@ class Breakaway(NamedTuple):
     wrench: Array  # (6,)
     covariance: Array  # (6, 6)
     length: float  # slide, m
+    pressed: float  # commanded preload, N
 
 
 class Forces(NamedTuple):
@@ -82,6 +83,7 @@ class Forces(NamedTuple):
     covariance: Array  # (n, 6, 6)
     contact: Contact
     lengths: Array  # (n,) slide, m
+    pressed: Array  # (n,) commanded preload, N
 
 
 def estimate_static(
@@ -91,7 +93,7 @@ def estimate_static(
     law = fitted.law
     rest = cut_windows(measured, [s for s in segments if not s.slips])
     contact = measured.contact
-    resting = Forces(rest.wrench, rest.covariance, contact, rest.places[:, 0])
+    resting = Forces(rest.wrench, rest.covariance, contact, rest.places[:, 0], rest.pressed)
     ratio, own, shared = _ratios(resting, fitted)
     bound = float("nan")
     if len(ratio):
@@ -110,9 +112,10 @@ def estimate_static(
     wrench = np.array([b.wrench for b in breakaways]).reshape(-1, 6)
     covariance = np.array([b.covariance for b in breakaways]).reshape(-1, 6, 6)
     lengths = np.array([b.length for b in breakaways])
+    about = contact.about_middle(wrench, lengths), contact.covariance(covariance, lengths)
     leaving = Forces(
-        contact.about_middle(wrench, lengths),
-        contact.covariance(covariance, lengths), contact, lengths,
+        *pressing(measured.scene.friction.inputs, *about), contact, lengths,
+        np.array([b.pressed for b in breakaways]),
     )  # fmt: skip
     at_breakaway, own, shared = _ratios(leaving, fitted)
     common = float(np.linalg.norm(shared.mean(axis=0))) if breakaways else 0.0
@@ -133,7 +136,8 @@ def estimate_static(
 def _normal(forces: Forces, law: FrictionLaw) -> Array:
     w = forces.wrench
     bending = forces.contact.bending(law.bending, forces.lengths)
-    return law.normal(np.hypot(w[:, 1], w[:, 2]), np.hypot(w[:, 4], w[:, 5]), bending)
+    radial = np.hypot(w[:, 1], w[:, 2]) + forces.pressed
+    return law.normal(radial, np.hypot(w[:, 4], w[:, 5]), bending)
 
 
 def _traction(forces: Forces, law: FrictionLaw) -> Array:
@@ -200,7 +204,10 @@ def _breakaway(
             slope, curvature = solve[1] / duration, 2.0 * solve[2] / duration**2
             forces, rates = slope @ p, curvature @ p
             cov = white * (slope @ slope) + np.outer(rates, rates) * spread**2
-            return Breakaway(time, forces, cov, float(measured.places[last - 1, 0]))
+            return Breakaway(
+                time, forces, cov, float(measured.places[last - 1, 0]),
+                float(measured.pressed[last - 1]),
+            )  # fmt: skip
         size //= 2
     return None
 

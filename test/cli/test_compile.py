@@ -7,13 +7,17 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from cylconn_ros.bench.identification import joints, sensors
 from cylconn_ros.cli import compile as command
 from cylconn_ros.cli import demo, main
 from cylconn_ros.cli.progress import Progress
-from cylconn_ros.core.jit import CACHE_DIRECTORY, is_ready
+from cylconn_ros.core.jit import CACHE_DIRECTORY, COMPILED, is_ready
+from cylconn_ros.identification.friction import estimate_friction
+from cylconn_ros.identification.likelihood import search_kernel
 from cylconn_ros.methods import dispatch
 from cylconn_ros.methods.traits import LIVE
 from cylconn_ros.scene.packing import choose_method
@@ -55,6 +59,17 @@ def test_the_command_compiles_what_a_scene_needs(tmp_path: Path) -> None:
 def test_without_a_scene_every_method_is_compiled() -> None:
     scenes = command.every_method()
     assert [choose_method(scene) for scene in scenes.values()] == list(LIVE)
+
+
+def test_what_is_compiled_for_identify_is_what_a_fit_needs() -> None:
+    if not COMPILED:
+        pytest.skip("no compiler is installed")
+    command._compile_identification()
+    search: Any = search_kernel.search
+    compiled = len(search.signatures)
+    samples = sensors.measured(joints.motion("Coulomb"), "white", 0)
+    assert estimate_friction(joints.scene(), samples).accepted
+    assert len(search.signatures) == compiled
 
 
 def test_without_the_compiler_the_command_says_so() -> None:

@@ -186,9 +186,10 @@ def test_noise_does_not_bias_the_law() -> None:
         rate_noise=np.zeros((n, 2)),
         segment=np.zeros(n, dtype=np.intp),
         intervals=np.ones(n, dtype=np.intp),
+        pressed=np.zeros(n),
         rejected=0,
     )
-    data = Calibrated.of(w, ContactLoads.of(w))
+    data = Calibrated.of(w, ContactLoads.of(w), law.radius)
     found = fit_law(data, FrictionLaw(0.2, 0.0, 10.0, 0.03), range(4))
     off = (found.law.vector - law.vector)[:4] / np.sqrt(np.diag(found.covariance))
     assert np.abs(off).max() < 3.5, off

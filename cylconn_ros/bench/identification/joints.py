@@ -6,7 +6,7 @@ is integrated here with substeps, independent of the connector.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from cylconn_ros.bench.identification import sensors
 from cylconn_ros.bench.identification.sensors import INERTIA, MASS, PERIOD, WEIGHT
 from cylconn_ros.core import layout
 from cylconn_ros.identification.likelihood.law import FrictionLaw
+from cylconn_ros.scene.behaviour import INPUTS
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -52,8 +53,11 @@ def scene(model: str = "Coulomb") -> Scene:
     return sensors.scene(coefficient=0.1, radius=0.025, overlap=0.08)
 
 
-def motion(model: str) -> Array:
-    """Return the exact samples (SAMPLES, NSAMPLE) of a joint."""
+def motion(model: str, pressed: Array | None = None, inputs: Sequence[str] = INPUTS) -> Array:
+    """Return the exact samples (SAMPLES, NSAMPLE) of a joint.
+
+    ``pressed``: preload (SAMPLES,), N, instead of that of the law. ``inputs``: what presses.
+    """
     law = law_of(model)
     rows = np.zeros((SAMPLES, layout.NSAMPLE))
     x = v = angle = spin = 0.0
@@ -74,7 +78,12 @@ def motion(model: str) -> Array:
         bent = law.bending * bend
         if model == TELESCOPE:
             bent = _bent(law, x, side, bend)
-        normal = float(np.hypot(side, WEIGHT)) + bent + law.preload
+        parts = {
+            "radial": float(np.hypot(side, WEIGHT)),
+            "bending": bent,
+            "preload": law.preload if pressed is None else float(pressed[k]),
+        }
+        normal = sum(parts[name] for name in inputs)
         for _ in range(SUBSTEPS):
             size = max(float(np.hypot(v, law.radius * spin)), 2e-4)
             cos, sin = v / size, law.radius * spin / size

@@ -9,6 +9,7 @@ a slide is a function of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -86,8 +87,25 @@ class Contact(NamedTuple):
         return shift
 
 
+_PRESSING = {"radial": (1, 2), "bending": (4, 5)}  # components of a wrench
+
 CONSTANT = Contact()
 """A contact that does not change."""
+
+
+def pressing(inputs: Sequence[str], wrench: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return wrenches (n, 6) and covariances (n, 6, 6) without what does not press the contact.
+
+    ``inputs``: ``friction.inputs``. Moments must be about the middle of the contact.
+    """
+    out = [k for name, at in _PRESSING.items() if name not in inputs for k in at]
+    if not out:
+        return wrench, covariance
+    wrench, covariance = wrench.copy(), covariance.copy()
+    wrench[:, out] = 0.0
+    covariance[:, out] = 0.0
+    covariance[:, :, out] = 0.0
+    return wrench, covariance
 
 
 def contact_of(scene: Scene, start: float) -> Contact:

@@ -161,5 +161,9 @@ def together(measured: Intervals, k: int) -> Intervals:
         wrench=np.vstack([measured.wrench[:1], wrench]),
         rates=measured.rates[np.r_[0, last]],
         places=measured.places[np.r_[0, last]],
+        pressed=np.r_[
+            measured.pressed[:1],
+            (dt * measured.pressed[rows]).sum(axis=1) / dt.sum(axis=1),
+        ],
         usable=np.r_[first, measured.usable[rows].all(axis=1)],
     )

@@ -2,7 +2,8 @@
 
 Commands with an effort on ``~/command`` act from the next processed sample on, as in the node.
 Efforts on another topic (sensor_msgs/JointState with joints slide and spin, or a WrenchStamped in
-the axes of node a, whose force.x and torque.x count) are interpolated by their stamps.
+the axes of node a, whose force.x and torque.x count) are interpolated by their stamps. A preload
+commanded on ``~/preload`` is known as well and acts as commands do.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from cylconn_ros.messages.cdr_decoder import read_joint_state
 from cylconn_ros.messages.commands import joint_command
 from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.samples import SampleArrays
-from cylconn_ros.recording.unstamped import in_force, preload_topic
+from cylconn_ros.recording.unstamped import in_force, preloads
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
 
+PRESSED = 2  # column of a drive: the commanded preload
 JOINT_STATE, WRENCH = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
 
 
@@ -27,13 +29,8 @@ def known_drive(run: Run, samples: SampleArrays, topic: str = "") -> Array | Non
     """Return the drive's force and moment (n, 2) over the interval that ends with each sample.
 
     None if nothing drove the joint. Raises IdentifyError if a command imposed a motion, whose force
-    is not recorded, the preload was commanded, or ``topic`` has no efforts.
+    is not recorded, or ``topic`` has no efforts.
     """
-    if pressed := preload_topic(run):
-        raise IdentifyError(
-            f"{pressed}: the preload was commanded while the motion was recorded, but one value of "
-            "it is estimated; cut the recording where it is constant, and leave the topic out"
-        )
     total: Array | None = None
     for name, kind in run.types.items():
         if name.rsplit("/", 1)[-1] == "command" and kind == JOINT_STATE and run.counts[name]:
@@ -43,6 +40,22 @@ def known_drive(run: Run, samples: SampleArrays, topic: str = "") -> Array | Non
         part = _measured(run, samples, topic)
         total = part if total is None else total + part
     return total
+
+
+def commanded_preload(run: Run, samples: SampleArrays, before: float) -> Array | None:
+    """Return the commanded preload (n,), N, over the interval that ends with each sample.
+
+    ``before``: that of the parameters, in force until the first command. None if none is recorded.
+    """
+    found = preloads(run)
+    if found is None:
+        return None
+    times, values = found
+    row = in_force(run, times.tolist(), samples.stamps)
+    if row is None:
+        return None
+    acting = np.r_[values, before][row]  # row -1: no command yet
+    return np.r_[acting[:1], acting[:-1]]
 
 
 def _commanded(run: Run, samples: SampleArrays, topic: str) -> Array:
@@ -102,7 +115,7 @@ def without_drive(scene: Scene, wrench: Array, drive: Array | None) -> Array:
     """Subtract a known drive, or else the constant imposed forces of the scene, from f1 and m1."""
     found = wrench.copy()
     if drive is not None:
-        found[:, [0, 3]] -= drive
+        found[:, [0, 3]] -= drive[:, :PRESSED]
         return found
     for at, imposed in ((0, scene.command.slide.force), (3, scene.command.spin.force)):
         found[:, at] -= imposed if np.isfinite(imposed) else 0.0

@@ -21,7 +21,7 @@ from cylconn_ros.connector.usable import MotionCheck
 from cylconn_ros.core import layout
 from cylconn_ros.errors import IdentifyError, IndeterminateError
 from cylconn_ros.identification.forces.contact import CONSTANT, Contact, contact_of
-from cylconn_ros.identification.forces.drives import without_drive
+from cylconn_ros.identification.forces.drives import PRESSED, without_drive
 from cylconn_ros.recording.samples import RecordedSample, SampleArrays
 from cylconn_ros.scene.scene import Scene
 
@@ -57,6 +57,7 @@ class Intervals:
         places: (n, 2) slide m and angle rad at the end of the interval.
         usable: (n,) bool, the wrench contains friction and constraint only.
         skipped: number of unusable intervals by reason.
+        pressed: (n,) commanded preload over the interval, N; 0 if none is commanded.
         problem: why all of them are worth nothing: the motion leaves the joint; else empty.
         contact: of shaft and sleeve, how it changes with the slide.
     """
@@ -68,6 +69,7 @@ class Intervals:
     rates: Array
     places: Array
     usable: Mask
+    pressed: Array
     skipped: Counter[str]
     problem: str = ""
     contact: Contact = CONSTANT
@@ -84,7 +86,7 @@ def measure_intervals(
     """Compute the forces in the samples of a recording, with the parameters of ``scene``.
 
     ``drive`` (n, 2) is the force and moment of a known drive over the interval that ends with each
-    sample; by default that of the scene.
+    sample, by default that of the scene; a third column is the commanded preload.
 
     Raises IndeterminateError if there are fewer than two samples or all are refused, IdentifyError
     if friction cannot be separated from other forces along the slot, SceneError if an inertia is
@@ -190,7 +192,12 @@ def _intervals(
         usable &= ~rows
     skipped["not finite"] = int((~finite).sum())
     contact = contact_of(scene, float(places[0, 0]))
-    return Intervals(scene, time, dt, wrench, rates, places, usable, +skipped, contact=contact)
+    pressed: Array = np.zeros(len(out))
+    if drive is not None and drive.shape[1] > PRESSED and "preload" in scene.friction.inputs:
+        pressed = drive[:, PRESSED]
+    return Intervals(
+        scene, time, dt, wrench, rates, places, usable, pressed, +skipped, contact=contact
+    )
 
 
 def _column(out: Array, name: str, width: int) -> Array:

@@ -18,7 +18,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.identification.forces.contact import CONSTANT, Contact
+from cylconn_ros.identification.forces.contact import CONSTANT, Contact, pressing
 from cylconn_ros.identification.forces.cubics import (
     TERMS,
     fit_cubics,
@@ -46,7 +46,8 @@ class Windows:
     Attributes
     ----------
         time: (n,) s.
-        wrench: (n, 6) f1f f2 f3 m1f m2 m3, moments about the middle of the contact; N, N.m.
+        wrench: (n, 6) f1f f2 f3 m1f m2 m3, moments about the middle of the contact; N, N.m. What
+            ``friction.inputs`` leaves out is zero.
         covariance: (n, 6, 6) of ``wrench``.
         rates: (n, 2) slide m/s, spin rad/s.
         places: (n, 2) slide m, angle rad.
@@ -54,6 +55,7 @@ class Windows:
         rate_noise: (n, 2) standard deviations of ``rates``.
         segment: (n,) index of the segment.
         intervals: (n,) number of intervals in the window.
+        pressed: (n,) commanded preload, N; 0 if none is commanded.
         rejected: number of windows rejected because the motion in them is not smooth.
         contact: of shaft and sleeve, how it changes with the slide.
     """
@@ -67,6 +69,7 @@ class Windows:
     rate_noise: Array
     segment: NDArray[np.intp]
     intervals: NDArray[np.intp]
+    pressed: Array
     rejected: int
     contact: Contact = CONSTANT
 
@@ -91,15 +94,13 @@ def cut_windows(measured: Intervals, segments: list[Segment]) -> Windows:
         for part in split_segment(segment):
             parts.append(_windows_of(measured, part, number, largest))
     found, contact = _concatenate(parts), measured.contact
-    if not contact.changes:
-        return found
     lengths = found.places[:, 0]
-    return dataclasses.replace(
-        found,
-        wrench=contact.about_middle(found.wrench, lengths),
-        covariance=contact.covariance(found.covariance, lengths),
-        contact=contact,
+    wrench, covariance = pressing(
+        measured.scene.friction.inputs,
+        contact.about_middle(found.wrench, lengths),
+        contact.covariance(found.covariance, lengths),
     )
+    return dataclasses.replace(found, wrench=wrench, covariance=covariance, contact=contact)
 
 
 def _concatenate(parts: list[Windows]) -> Windows:
@@ -107,7 +108,9 @@ def _concatenate(parts: list[Windows]) -> Windows:
         none = np.zeros(0)
         index = np.zeros(0, dtype=np.intp)
         pairs, ends, cov = np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 6, 6))
-        return Windows(none, np.zeros((0, 6)), cov, pairs, pairs, ends, pairs, index, index, 0)
+        return Windows(
+            none, np.zeros((0, 6)), cov, pairs, pairs, ends, pairs, index, index, none, 0
+        )
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
     return Windows(**columns, rejected=sum(part.rejected for part in parts))
 
@@ -134,6 +137,8 @@ def _windows_of(measured: Intervals, segment: Segment, number: int, largest: int
     usual = np.maximum(np.median(misfit, axis=0), (w + 1 - TERMS) * np.diag(white))
     smooth = (misfit <= MISFIT_LIMIT * usual + _negligible(inside)).all(axis=1)
     n = int(smooth.sum())
+    part = slice(segment.first, segment.last)
+    pressed = np.r_[0.0, np.cumsum(measured.pressed[part] * measured.dt[part])]
     gain = np.square(fit.slope).sum(axis=1)
     spread = np.sqrt(np.square(fit.value).sum(axis=1)[:, None] * np.diag(rate_white))
     return Windows(
@@ -146,6 +151,7 @@ def _windows_of(measured: Intervals, segment: Segment, number: int, largest: int
         rate_noise=spread[smooth],
         segment=np.full(n, number, dtype=np.intp),
         intervals=np.full(n, w, dtype=np.intp),
+        pressed=np.einsum("wk,wk->w", fit.slope, pressed[rows])[smooth],
         rejected=len(rows) - n,
     )
 

@@ -6,7 +6,9 @@ variance across F; this bias is subtracted.
 A load that carries noise weakens the friction that is regressed on it. The loads of a recording
 have a mean and a covariance T beyond their noise N; the load expected given the measured one x is
 ``m + T (T + N)^-1 (x - m)``, and friction regressed on it is unbiased (regression calibration). So
-a load that does not change beyond its noise explains nothing, whatever the noise looks like.
+a load that does not change beyond its noise explains nothing, whatever the noise looks like. The
+mean depends on the slip, the other cause of friction in the law: a motion that is slow where the
+load is small has too much of it there otherwise, which the slow windows show as less friction.
 """
 
 from __future__ import annotations
@@ -19,12 +21,15 @@ from numpy.typing import NDArray
 
 from cylconn_ros.identification.forces.windows import Windows
 from cylconn_ros.identification.likelihood import windows_kernel
+from cylconn_ros.identification.likelihood.law import slip
 
 Array = NDArray[np.float64]
 
 MIN_SIGNAL_TO_NOISE = 9.0  # mean square of a force over that of its noise
 BEYOND = 3.0  # standard deviations by which a mean square must exceed that of the noise
 MIN_DEVIATIONS = 3.0  # standard deviations by which a force must differ from zero
+WINDOWS_EACH = 8  # for each parameter of the mean load at a slip; fewer: one mean
+SLOW = 0.25  # of the median slip rate: below it the mean load changes most with the rate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,11 +77,11 @@ class Calibrated:
     Attributes
     ----------
         windows: the windows.
-        loads: (n, 2) Fr and Mbend expected given the measured ones; N, N.m.
+        loads: (n, 2) Fr and Mbend expected given the measured ones; N, N.m. Fr includes a commanded
+            preload, which presses as it does and is known.
         force: (n, 2) f1f and m1f without what their noise shares with that of the loads.
         own: (n, 2, 2) covariance of ``force``.
         rest: (n, 2, 2) covariance of ``loads``. shared: (n, 2, 2) of ``loads`` and ``force``.
-        changes: standard deviations (2,) of Fr and Mbend beyond their noise.
     """
 
     windows: Windows
@@ -85,22 +90,23 @@ class Calibrated:
     own: Array
     rest: Array
     shared: Array
-    changes: Array
 
     def __len__(self) -> int:
         return len(self.force)
 
     @classmethod
-    def of(cls, w: Windows, loads: ContactLoads) -> Calibrated:
-        """Calibrate the loads of windows."""
+    def of(cls, w: Windows, loads: ContactLoads, radius: float) -> Calibrated:
+        """Calibrate the loads of windows; ``radius`` R, m, with which a spin counts as slip."""
         x = np.stack([loads.radial, loads.moment], axis=1)
         across = loads.gradient @ w.covariance  # (n, 2, 6)
         noise = across @ loads.gradient.transpose(0, 2, 1)
         both = across[:, :, [0, 3]]  # (n, load, force)
-        mean = x.mean(axis=0)
+        mean, used = _means(x, w.rates, radius)
         # Scaled, since a force and a moment differ in size and unit.
-        unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max() + 1e-300)
-        total = np.cov((x / unit).T, bias=True) if len(x) > 1 else np.zeros((2, 2))
+        unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max())
+        unit = np.where(unit > 0.0, unit, 1.0)  # loads that do not press are zero
+        rest = (x - mean) / unit
+        total = rest.T @ rest / (len(x) - used)
         white = (noise / np.outer(unit, unit)).mean(axis=0)
         sizes, axes = np.linalg.eigh(total - white)
         # A variance that may be that of the noise is none.
@@ -116,12 +122,11 @@ class Calibrated:
         own = w.covariance[:, [[0], [3]], [0, 3]] - back @ both
         return cls(
             windows=w,
-            loads=mean + np.einsum("nij,nj->ni", gain, off),
+            loads=mean + np.einsum("nij,nj->ni", gain, off) + w.pressed[:, None] * [1.0, 0.0],
             force=wrench,
             own=own,
             rest=true - gain @ true,
             shared=gain @ both,
-            changes=np.sqrt(np.maximum(np.diag(true), 0.0)),
         )
 
     def bending(self, first: float) -> Array:
@@ -147,7 +152,7 @@ class Calibrated:
             (windows_kernel.F1, self.force), (windows_kernel.OWN, self.own[:, upper[0], upper[1]]),
             (windows_kernel.REST, self.rest[:, upper[0], upper[1]]),
             (windows_kernel.SHARED, self.shared.reshape(-1, 4)),
-            (windows_kernel.NOISE, w.rate_noise),
+            (windows_kernel.NOISE, w.rate_noise), (windows_kernel.PLACE, w.places[:, :1]),
         ):  # fmt: skip
             found[:, at : at + part.shape[1]] = part
         return found
@@ -164,6 +169,22 @@ class Calibrated:
         names = ("loads", "force", "own", "rest", "shared")
         parts = {name: getattr(self, name)[rows] for name in names}
         return dataclasses.replace(self, windows=self.windows.take(rows), **parts)
+
+
+def _means(x: Array, rates: Array, radius: float) -> tuple[Array, int]:
+    """Return the mean loads (n, 2) at the slip of each window, and how many parameters they have.
+
+    They are linear in functions of the slip's direction and of its rate, which change most where it
+    is slow.
+    """
+    size, cos, sin = slip(rates, radius)
+    slow = size / (size + SLOW * float(np.median(size)) + 1e-300)
+    columns = [np.ones(len(x)), slow, slow * slow, cos, sin, cos * cos]
+    if len(x) < WINDOWS_EACH * len(columns):
+        columns = columns[:1]
+    design = np.stack(columns, axis=1)
+    mean = design @ (np.linalg.pinv(design, rcond=1e-6) @ x)
+    return mean, len(columns)
 
 
 def well_above_noise(w: Windows, loads: ContactLoads) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core.jit import COMPILED
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.likelihood import windows_kernel
+from cylconn_ros.identification.likelihood import search_kernel
 from cylconn_ros.identification.likelihood.contact_loads import Calibrated
 from cylconn_ros.identification.likelihood.law import (
     DECAY,
@@ -47,6 +47,7 @@ SECOND_ORDER = 1e-4  # of the traction: error of a window's forces by the finite
 MAX_ITERATIONS = 60
 CONVERGED = 1e-6  # step, in units of parameter_scales
 LEAST_NORMAL = 0.05  # of the mean load: smallest FN that a law may have in a window
+RCOND = 1e-10  # relative size of a singular value that counts as zero
 LARGEST_STEP = 0.7  # in units of parameter_scales
 
 
@@ -171,55 +172,59 @@ def fit_law(
     Raises IdentifyError if the traction does not oppose the slip.
     """
     chosen = list(free)
+    return finished(data, searched(data, start, chosen, iterations), chosen)
+
+
+def searched(
+    data: Calibrated, start: FrictionLaw, chosen: list[int], iterations: int = MAX_ITERATIONS
+) -> FrictionLaw:
+    """Return the law of ``fit_law``, without its covariance."""
+    if COMPILED:
+        return _searched_compiled(data, start, chosen, iterations)
     law = start
     for _ in range(iterations):
         scale = parameter_scales(data, law)[chosen]
-        inverse, r, j = _linearised(data, law, chosen, scale)
-        step = _solve(j, -r)
+        inverse, _ = factors(data, law)
+        r = weighted_residuals(data, law, inverse)
+        j = -np.einsum("nij,njk->nik", inverse, slopes_of(data, law, chosen)) * scale
+        step = -_solve(j.reshape(-1, len(chosen)), r.ravel())
         step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-        before = float(r @ r)
-        for _ in range(8):
+        before = float(np.square(r).sum())
+        for _ in range(search_kernel.HALVINGS):
             x = law.vector
             x[chosen] += step * scale
             tried = _bounded(data, law_from_vector(x), chosen)
-            if _square(data, tried, inverse) <= before:
+            if np.square(weighted_residuals(data, tried, inverse)).sum() <= before:
                 break
             step = 0.5 * step
         moved = np.abs((tried.vector - law.vector)[chosen] / scale).max(initial=0.0)
         law = tried
         if moved < CONVERGED:
             break
-    return _finished(data, law, chosen)
+    return law
 
 
-def _linearised(
-    data: Calibrated, law: FrictionLaw, chosen: list[int], scale: Array
-) -> tuple[Array, Array, Array]:
-    """Return weights, residuals (2 n,) and their derivatives (2 n, k) by the scaled parameters."""
-    n = len(data)
-    if not COMPILED:
-        inverse, _ = factors(data, law)
-        r = weighted_residuals(data, law, inverse)
-        j = -np.einsum("nij,njk->nik", inverse, slopes_of(data, law, chosen)) * scale
-        return inverse, r.ravel(), j.reshape(-1, len(chosen))
-    table, values = data.table, law.values
-    bending, slope = data.bendings(law.bending)
-    limit, weights = np.empty(n), np.empty((n, 4))
-    residuals, jacobian = np.empty(2 * n), np.empty((2 * n, len(chosen)))
-    windows_kernel.limits(table, bending, values, limit)
-    windows_kernel.evaluate(
-        table, bending, slope, values, _least_variance(limit), np.array(chosen, np.int64), scale,
-        weights, residuals, jacobian,
-    )  # fmt: skip
-    return weights, residuals, jacobian
-
-
-def _square(data: Calibrated, law: FrictionLaw, weights: Array) -> float:
-    """Return the sum of the squared residuals with the weights of ``_linearised``."""
-    if not COMPILED:
-        return float(np.square(weighted_residuals(data, law, weights)).sum())
-    bending = data.bending(law.bending)
-    return float(windows_kernel.squares(data.table, bending, law.values, weights))
+def _searched_compiled(
+    data: Calibrated, start: FrictionLaw, chosen: list[int], iterations: int
+) -> FrictionLaw:
+    """Return the law of ``searched``."""
+    n, k, contact = len(data), len(chosen), data.windows.contact
+    values = start.values
+    search_kernel.search(
+        data.table,
+        np.array((contact.sigma, contact.at, contact.least, contact.most), dtype=np.float64),
+        np.array(data.sizes),
+        np.array((FLOOR, CONVERGED, LARGEST_STEP, LEAST_NORMAL, RCOND)),
+        np.array(chosen, np.int64),
+        values,
+        iterations,
+        np.empty((4, n)),
+        np.empty((n, 4)),
+        np.empty(2 * n),
+        np.empty((2 * n, k)),
+        np.empty((5 + 2 * k, max(k, len(values)))),
+    )
+    return FrictionLaw(*values.tolist())
 
 
 def _least_variance(limits: Array) -> float:
@@ -229,7 +234,7 @@ def _least_variance(limits: Array) -> float:
 
 
 def _solve(j: Array, r: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(j, r, rcond=1e-10)[0])
+    return np.asarray(np.linalg.lstsq(j, r, rcond=RCOND)[0])
 
 
 def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionLaw:
@@ -247,7 +252,11 @@ def _bounded(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> FrictionL
     return dataclasses.replace(law, **changed)
 
 
-def _finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticFit:
+def finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticFit:
+    """Return the fit with this law, its covariance and its cost.
+
+    Raises IdentifyError as ``fit_law``.
+    """
     n, k = len(data), len(chosen)
     scale = parameter_scales(data, law)[chosen]
     inverse, _ = factors(data, law)

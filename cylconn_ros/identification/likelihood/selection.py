@@ -10,34 +10,35 @@ costs least leaves first.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.likelihood.contact_loads import (
-    MIN_SIGNAL_TO_NOISE,
-    Calibrated,
-    ContactLoads,
+from cylconn_ros.identification.likelihood.contact_loads import Calibrated, ContactLoads
+from cylconn_ros.identification.likelihood.excitation import (
+    BASE,
+    MAX_PREDICTED_DEVIATION,
+    fit_excited,
 )
 from cylconn_ros.identification.likelihood.kinetic import (
     MAX_ITERATIONS,
     KineticFit,
+    cost,
+    finished,
     fit_law,
     parameter_scales,
     predicted_deviations,
+    searched,
     unexplained,
 )
 from cylconn_ros.identification.likelihood.law import (
-    COEFFICIENT,
     DECAY,
     DIRECTION,
     NAMES,
     OFFSET,
-    OVERLAP,
-    PRELOAD,
-    RADIUS,
     STRIBECK,
     VISCOUS,
     VISCOUS_SPIN,
@@ -45,7 +46,6 @@ from cylconn_ros.identification.likelihood.law import (
     slip,
 )
 
-MAX_PREDICTED_DEVIATION = 0.25  # of a parameter's effect on the limit; above: not excited
 MIN_GAIN = 2.0  # of the criterion
 DEMANDED = 10.0  # gain of a term that no model can lack
 MIN_DEVIATIONS = 2.5  # standard deviations of a term that enters
@@ -152,15 +152,23 @@ def _starts(data: Calibrated, law: FrictionLaw, names: list[str]) -> list[Fricti
 
 def _best_fit(data: Calibrated, starts: list[FrictionLaw], free: list[int]) -> KineticFit | None:
     """Return the most likely fit of several starts; rough if there are several."""
-    best: KineticFit | None = None
+    iterations = ROUGH if len(starts) > 1 else MAX_ITERATIONS
+    laws = []
     for start in starts:
-        try:
-            tried = fit_law(data, start, free, ROUGH if len(starts) > 1 else MAX_ITERATIONS)
-        except (IdentifyError, np.linalg.LinAlgError):
-            continue
-        if best is None or tried.cost < best.cost:
-            best = tried
-    return best
+        with contextlib.suppress(np.linalg.LinAlgError):
+            laws.append(searched(data, start, free, iterations))
+    if len(laws) > 1:
+        laws.sort(key=lambda law: _cost(data, law))
+    for law in laws:
+        with contextlib.suppress(IdentifyError, np.linalg.LinAlgError):
+            return finished(data, law, free)
+    return None
+
+
+def _cost(data: Calibrated, law: FrictionLaw) -> float:
+    """Return -ln L, infinite if it is no number."""
+    found = cost(data, law)
+    return found if np.isfinite(found) else float("inf")
 
 
 def _not_needed(fitted: KineticFit, name: str, cost: float) -> str:
@@ -318,79 +326,3 @@ def _same_effect(data: Calibrated, fitted: KineticFit, less: KineticFit, other: 
     k = TERMS[other][0]
     own = unexplained(data, less.law, less.free, k)
     return own > MIN_UNEXPLAINED > unexplained(data, fitted.law, fitted.free, k)
-
-
-def fit_excited(
-    data: Calibrated, loads: ContactLoads, start: FrictionLaw, free: list[int]
-) -> tuple[KineticFit, dict[str, str]]:
-    """Fit the parameters of Coulomb friction that the motion excites.
-
-    Returns
-    -------
-        The fit, and for every other parameter in ``free`` the reason why it is held.
-    """
-    notes: dict[str, str] = {}
-    if OVERLAP in free and len(free) > 1 and loads.signal_to_noise[1] < MIN_SIGNAL_TO_NOISE:
-        notes["overlap"] = "not excited: there is no bending moment beyond noise"
-        free = [j for j in free if j != OVERLAP]
-    # A first estimate of the coefficient, for the predicted deviations.
-    traction = np.hypot(data.force[:, 0], data.force[:, 1] / start.radius)
-    normal = np.abs(data.normal(start.bending, start.preload))
-    guess = float(traction.mean() / max(normal.mean(), 1e-300))
-    law = dataclasses.replace(start, coefficient=min(max(guess, 1e-3), 10.0))
-    while True:
-        while True:
-            worst = predicted_deviations(data, law, free)
-            if (worst <= MAX_PREDICTED_DEVIATION).all() or len(free) == 1:
-                break
-            k = _least_excited(data, law, free)
-            notes[NAMES[k]] = _not_excited(k, data, loads, law)
-            free = [j for j in free if j != k]
-        fitted = fit_law(data, law, free)
-        # Again at the fitted law, and with the spread of the windows themselves.
-        size = np.sqrt(np.diag(fitted.covariance)) / parameter_scales(data, fitted.law)[free]
-        predicted = predicted_deviations(data, fitted.law, free)
-        if len(free) == 1 or (np.maximum(size, predicted) <= MAX_PREDICTED_DEVIATION).all():
-            return fitted, notes
-        k = _least_excited(data, fitted.law, free)
-        notes[NAMES[k]] = _not_excited(k, data, loads, fitted.law)
-        free = [j for j in free if j != k]
-
-
-def _least_excited(data: Calibrated, law: FrictionLaw, free: list[int]) -> int:
-    """Return the parameter to hold so that the others are determined best.
-
-    Among nearly equal ones: bending before preload before radius.
-    """
-    order = [k for k in (OVERLAP, PRELOAD, RADIUS) if k in free]
-    left = [
-        float(predicted_deviations(data, law, [j for j in free if j != k]).max()) for k in order
-    ]
-    best = min(left)
-    return next(k for k, worst in zip(order, left, strict=True) if worst <= 1.5 * best)
-
-
-def _not_excited(k: int, data: Calibrated, loads: ContactLoads, law: FrictionLaw) -> str:
-    """Return the reason why a motion does not determine a parameter."""
-    if k == RADIUS:
-        spin = np.abs(data.windows.rates[:, 1]) * law.radius
-        share = spin / np.maximum(np.hypot(data.windows.rates[:, 0], spin), 1e-300)
-        if share.max() < 0.1:
-            return "not excited: it slides and hardly spins"
-        if share.min() > 0.9:
-            return "not excited: it spins and hardly slides, which determines only mu R"
-        return "not excited: the ratio of slide to spin hardly changes"
-    radial = f"{loads.radial.min():.3g} to {loads.radial.max():.3g} N"
-    if k == OVERLAP:
-        if 2.0 * loads.moment.max() < 1e-3 * loads.radial.mean() * law.radius:
-            return "not excited: there is no bending moment"
-        bending = f"{loads.moment.min():.3g} to {loads.moment.max():.3g} N.m"
-        return (
-            f"not excited: radial force ({radial}) and bending moment ({bending}) hardly "
-            "change relative to each other"
-        )
-    return f"not excited: the normal force hardly changes (radial force {radial})"
-
-
-BASE = (COEFFICIENT, PRELOAD, OVERLAP, RADIUS)
-"""Parameters of Coulomb friction."""

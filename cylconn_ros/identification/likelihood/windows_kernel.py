@@ -1,7 +1,7 @@
-"""The innermost loop of a fit, compiled: weights, residuals and their slopes in all windows.
+"""The innermost loop of a fit: weights, residuals and their slopes in all windows.
 
 The same as ``factors``, ``weighted_residuals`` and ``slopes_of`` of kinetic.py, window by window
-instead of operation by operation.
+instead of operation by operation; compiled into the search (search_kernel.py).
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.core.jit import inline_function, kernel
+from cylconn_ros.core.jit import device_function, inline_function
 
 Array = NDArray[np.float64]
 
 # Columns of a table of windows.
-V, W, FR, M, F1, M1, OWN, REST, SHARED, NOISE = 0, 1, 2, 3, 4, 5, 6, 9, 12, 16
-COLUMNS: Final = 18
+V, W, FR, M, F1, M1, OWN, REST, SHARED, NOISE, PLACE = 0, 1, 2, 3, 4, 5, 6, 9, 12, 16, 18
+COLUMNS: Final = 19
 
 # The law, in the order of law.NAMES.
 MU, PRELOAD, BENDING, R, C1, CR1, DIRECTION, OFFSET, STRIBECK, DECAY = range(10)
@@ -31,7 +31,7 @@ def _ratio(law: Array, size: float, cos: float) -> float:
     return law[MU] * (1.0 + law[DIRECTION] * cos) * (1.0 + law[STRIBECK] * decayed)
 
 
-@kernel
+@device_function
 def limits(table: Array, bending: Array, law: Array, found: Array) -> None:
     """Write the friction limits (n,), N."""
     for i in range(len(bending)):
@@ -41,7 +41,7 @@ def limits(table: Array, bending: Array, law: Array, found: Array) -> None:
         found[i] = abs(_ratio(law, size, x / size) * normal)
 
 
-@kernel
+@device_function
 def squares(table: Array, bending: Array, law: Array, weights: Array) -> float:
     """Return the sum of the squared residuals with weights (n, 4)."""
     total = 0.0
@@ -59,7 +59,7 @@ def squares(table: Array, bending: Array, law: Array, weights: Array) -> float:
     return total
 
 
-@kernel
+@device_function
 def evaluate(
     table: Array,
     bending: Array,
