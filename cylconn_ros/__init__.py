@@ -101,6 +101,7 @@ _MODULES = {
     "simulation.run": ("Run",),
     "simulation.simulate": ("simulate", "sweep"),
 }
+_PACKAGES = ("mechanism", "mujoco")  # cr.mujoco.Friction
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
@@ -150,6 +151,8 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     """Import a public name at its first use."""
+    if name in _PACKAGES:
+        return importlib.import_module(f"{__name__}.{name}")
     try:
         module = _MODULE_OF[name]
     except KeyError:

@@ -17,6 +17,7 @@ LAYERS = (
     ("methods",),
     ("scene",),
     ("connector", "process", "importing"),
+    ("mechanism",),
     ("simulation", "messages", "recording", "mujoco"),
     ("reference", "identification", "laws", "report", "replay", "ros"),
     ("bench",),
@@ -136,6 +137,8 @@ def modules_in(names: set[str]) -> set[str]:
     """The package's own modules among imported names, `module.attribute` as `module`."""
     found = set()
     for name in names:
+        if not name.startswith("cylconn_ros."):
+            continue  # the library mujoco is not the package cylconn_ros.mujoco
         inner = name.removeprefix("cylconn_ros.")
         if inner in NAMES:
             found.add(inner)
