@@ -117,13 +117,15 @@ class Friction:
 
 def _wrenches(reaction: Any, free: Array, by: Array, nv: int) -> tuple[Array, Array, Array]:
     """The wrench without force, and its change by a unit of f1 and of m1."""
+    base: Array
     if callable(reaction):
-        base: Array = _array(reaction(free), "reaction", (6,))
+        base = _array(reaction(free), "reaction", (6,))
         changed = [_array(reaction(free + by[:, k]), "reaction", (6,)) - base for k in range(2)]
         return base, changed[0], changed[1]
-    bias: Array = _array(reaction[0], "reaction[0]", (6,))
+    bias = _array(reaction[0], "reaction[0]", (6,))
     matrix = _array(reaction[1], "reaction[1]", (6, nv))
-    return bias + matrix @ free, matrix @ by[:, 0], matrix @ by[:, 1]
+    base = bias + matrix @ free
+    return base, matrix @ by[:, 0], matrix @ by[:, 1]
 
 
 def _array(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

@@ -82,13 +82,13 @@ class Friction:
         self._response = Response(self._mujoco, model, data, joint)
         self._dofs = [int(d) for d in joint.index[equations.DOFS : equations.DOFS + 2] if d >= 0]
         self._sent = np.full(4, np.nan)  # our share of qfrc_applied, and what that had with it
-        self._applied: Any = (joint.index, data.qfrc_applied, self._sent)
         self.runs = 0
         self._numbers = self._response.numbers
         self._option = model.opt
         mujoco = self._mujoco
         self._actuate, self._accelerate = mujoco.mj_fwdActuation, mujoco.mj_fwdAcceleration
         self._react = mujoco.mj_rnePostConstraint
+        self._solve_compiled: Any = equations.solve_unconstrained
         self._state: Any
         self._arguments: Any
         self._state, self._arguments = self._views()
@@ -99,7 +99,7 @@ class Friction:
         The second part is None if the integrator is another one.
         """
         model, data, joint = self._model, self._data, self.joint
-        if not self._response.is_linear:
+        if self._response.damping is None:
             return (), None
         flat = [getattr(data, name).reshape(-1) for name in
                 ("M", "qfrc_smooth", "qacc", "qpos", "qvel", "xpos", "xmat", "subtree_com", "cdof",
@@ -150,12 +150,13 @@ class Friction:
         if self._arguments is not None and data.nefc == 0:
             self._accelerate(self._model, data)
             self._react(self._model, data)
-            equations.solve_unconstrained(*self._state, self._option.timestep, *self._arguments)
+            self._solve_compiled(*self._state, self._option.timestep, *self._arguments)
             self.runs = 0
             return
-        equations.take_back(*self._applied)
+        index, applied = self.joint.index, data.qfrc_applied
+        equations.take_back(index, applied, self._sent)
         self._solve_constrained()
-        equations.send(*self._applied, self._out)
+        equations.send(index, applied, self._sent, self._out)
 
     def _solve_constrained(self) -> None:
         """Solve with the constraint solver's answers, made linear until both agree."""
@@ -193,7 +194,7 @@ class Friction:
         s = self._numbers
         s[step.FREE : step.FREE + 2] = base[:2]
         s[step.MOBILITY] = matrix[0, 0] or 1.0
-        s[step.MOBILITY + 1] = 0.5 * (matrix[0, 1] + matrix[1, 0])
+        s[step.MOBILITY + 1] = matrix[0, 1]
         s[step.MOBILITY + 2] = matrix[1, 1] or 1.0
         s[step.BASE : step.BASE + 4] = base[2:]
         s[step.BY_F1 : step.BY_F1 + 4] = matrix[2:, 0]

@@ -26,6 +26,7 @@ class Response:
     Attributes
     ----------
         numbers: (NSTEP,) place and rates of the joint are written by :meth:`of`.
+        damping: (nv,) D, if the step's effective mass matrix is M + h D; else None.
 
     Raises ModelError for the integrator RK4, and for sleeping bodies.
     """
@@ -51,30 +52,69 @@ class Response:
             )
         self._discrete = model.opt.integrator == getattr(kinds, "mjINT_DISCRETE", -1)
         self._euler = model.opt.integrator == kinds.mjINT_EULER
+        self._after_velocity = int(mujoco.mjtStage.mjSTAGE_VEL)
+        self.damping = self._constant_damping()
         self._state = mujoco.mjtState.mjSTATE_FULLPHYSICS
         self._kept = np.zeros(mujoco.mj_stateSize(model, self._state))
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether the effective mass matrix is M + h D: Euler, and a damping that is constant."""
-        poly = getattr(self._model, "dof_dampingpoly", None)
-        return self._euler and hasattr(self._data, "M") and (poly is None or not np.any(poly))
+    def _constant_damping(self) -> Array | None:
+        """(nv,) D, if the step's effective mass matrix is M + h D; else None.
 
-    @property
-    def damping(self) -> Array:
-        """(nv,) the damping that the Euler integrator takes implicitly."""
-        disabled = self._mujoco.mjtDisableBit
-        off = disabled.mjDSBL_EULERDAMP | getattr(disabled, "mjDSBL_DAMPER", 0)
-        if self._model.opt.disableflags & off:
-            return np.zeros(self._model.nv)
-        return self._model.dof_damping
+        It is for the Euler integrator and a constant damping of joints, and for implicitfast if
+        no other force of the model depends on the velocity, except servos on joints.
+        """
+        mujoco, model = self._mujoco, self._model
+        flags = mujoco.mjtDisableBit
+        varies = any(
+            np.any(getattr(model, name, 0.0)) for name in ("dof_dampingpoly", "actuator_damping")
+        )
+        if varies or not hasattr(self._data, "M"):
+            return None
+        damping = np.array(model.dof_damping, dtype=np.float64)
+        undamped = bool(model.opt.disableflags & getattr(flags, "mjDSBL_DAMPER", 0))
+        if self._euler:
+            if undamped or model.opt.disableflags & flags.mjDSBL_EULERDAMP:
+                damping[:] = 0.0
+            return damping
+        if model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
+            return None
+        if np.any(model.tendon_damping) or model.opt.density > 0.0 or model.opt.viscosity > 0.0:
+            return None
+        if undamped:
+            damping[:] = 0.0
+        return damping if self._add_servos(damping) else None
+
+    def _add_servos(self, damping: Array) -> bool:
+        """Add the damping of servos on slides and hinges; False if an actuator is of another kind.
+
+        A force range clamps the force, and its derivative then vanishes.
+        """
+        mujoco, model = self._mujoco, self._model
+        plain = {int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE)}
+        biases = {int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)}
+        scalar = {int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)}
+        for i in range(model.nu):
+            if int(model.actuator_gaintype[i]) not in plain or model.actuator_gainprm[i, 2] != 0.0:
+                return False
+            if int(model.actuator_biastype[i]) not in biases:
+                return False
+            if model.actuator_biasprm[i, 2] == 0.0:
+                continue
+            joint = int(model.actuator_trnid[i, 0])
+            on_joint = int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+            clamped = model.actuator_forcelimited[i] or model.jnt_actfrclimited[joint]
+            if clamped or not on_joint or int(model.jnt_type[joint]) not in scalar:
+                return False
+            gear = model.actuator_gear[i, 0]
+            damping[model.jnt_dofadr[joint]] -= gear * gear * model.actuator_biasprm[i, 2]
+        return True
 
     def _accelerate(self) -> Array:
         """(nv,) (v+ - v)/h of the step, after mj_fwdConstraint."""
         model, data, h = self._model, self._data, self._model.opt.timestep
         if self._discrete:
             return np.array(data.qacc)
-        if self.is_linear:
+        if self.damping is not None:
             equations.accelerate(
                 self._work, data.qfrc_smooth + data.qfrc_constraint, data.M, self.damping, h,
                 model.M_rowadr, model.M_rownnz, model.M_colind, self._acceleration,
@@ -96,8 +136,11 @@ class Response:
         data.qfrc_applied[:] = applied
         for k in self._present:
             data.qfrc_applied[self._dofs[k]] += force[k]
-        self._mujoco.mj_fwdAcceleration(model, data)
-        self._mujoco.mj_fwdConstraint(model, data)
+        if self._discrete:  # its stages are not complete one by one
+            self._mujoco.mj_forwardSkip(model, data, self._after_velocity, 1)
+        else:
+            self._mujoco.mj_fwdAcceleration(model, data)
+            self._mujoco.mj_fwdConstraint(model, data)
         data.qacc[:] = acceleration = self._accelerate()
         self._mujoco.mj_rnePostConstraint(model, data)
         found = np.zeros(6)
@@ -117,11 +160,16 @@ class Response:
         return bytes(self._data.efc_state)
 
     def matrix(self, applied: Array, force: Array, at: Array, share: float) -> Array:
-        """(6, 2) change of :meth:`of` by the force, by differences from ``at`` = of(force)."""
+        """(6, 2) change of :meth:`of` by the force, by differences from ``at`` = of(force).
+
+        The mobility, its first two rows, is made symmetric, as the solution on the disc needs it;
+        it is nearly so with the integrator implicit.
+        """
         found = np.zeros((6, 2))
         reach = share * (1.0 + float(np.abs(force).max()))
         for k in self._present:
             moved = np.array(force)
             moved[k] += reach
             found[:, k] = (self.of(applied, moved) - at) / reach
+        found[0, 1] = found[1, 0] = 0.5 * (found[0, 1] + found[1, 0])
         return found
