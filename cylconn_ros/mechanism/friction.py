@@ -53,7 +53,7 @@ class Friction:
         self.scene = mechanism_scene(scene)
         self.par = pack(self.scene)
         self.memory = np.zeros(model.NMEM)
-        self.generalised_force = np.zeros(0)
+        self.generalised_force: Array = np.zeros(0)
         self._numbers = np.zeros(step.NSTEP)
 
     def reset(self) -> None:
@@ -122,7 +122,7 @@ def _wrenches(reaction: Any, free: Array, by: Array, nv: int) -> tuple[Array, Ar
         base = _array(reaction(free), "reaction", (6,))
         changed = [_array(reaction(free + by[:, k]), "reaction", (6,)) - base for k in range(2)]
         return base, changed[0], changed[1]
-    bias = _array(reaction[0], "reaction[0]", (6,))
+    bias: Any = _array(reaction[0], "reaction[0]", (6,))
     matrix = _array(reaction[1], "reaction[1]", (6, nv))
     base = bias + matrix @ free
     return base, matrix @ by[:, 0], matrix @ by[:, 1]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from cylconn_ros.mujoco.response import Response
 from cylconn_ros.scene import behaviour
 from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from cylconn_ros.mujoco.recording import Recorder
 
 Array = NDArray[np.float64]
 
@@ -49,7 +53,7 @@ class Friction:
     ----------
         scene: the scene in use. forces: (f1, m1) of the last step. left_out: forces of the model
         that the reactions do not contain, in words. runs: of the constraint solver in the last
-        step; 0: no constraint was active.
+        step; 0: no constraint was active. time: s, of the state from which the last step began.
 
     Raises ModelError and SceneError that name the joint or parameter and the rule.
 
@@ -82,7 +86,7 @@ class Friction:
         self._response = Response(self._mujoco, model, data, joint)
         self._dofs = [int(d) for d in joint.index[equations.DOFS : equations.DOFS + 2] if d >= 0]
         self._sent = np.full(4, np.nan)  # our share of qfrc_applied, and what that had with it
-        self.runs = 0
+        self.runs, self.time = 0, 0.0
         self._numbers = self._response.numbers
         self._option = model.opt
         mujoco = self._mujoco
@@ -124,6 +128,16 @@ class Friction:
         """Forget the history, after a jump of the state such as mj_resetData."""
         self._mem[:] = 0.0
 
+    def record(self, directory: str | Path) -> Recorder:
+        """Open a recorded run for ``cylconn report``; a context manager.
+
+        Call its ``write()`` after each :meth:`apply` or :meth:`step`. Raises RecordingError if the
+        directory exists or cannot be written.
+        """
+        from cylconn_ros.mujoco.recording import Recorder
+
+        return Recorder(self, directory, self._model, self._data)
+
     def step(self) -> None:
         """One step of the model with friction, in place of ``mujoco.mj_step``."""
         self._mujoco.mj_step1(self._model, self._data)
@@ -146,6 +160,7 @@ class Friction:
     def _solve(self) -> None:
         """Solve the coming step and put its forces in the place of the last step's."""
         data = self._data
+        self.time = data.time
         self._actuate(self._model, data)
         if self._arguments is not None and data.nefc == 0:
             self._accelerate(self._model, data)
