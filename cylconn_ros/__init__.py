@@ -105,6 +105,7 @@ _MODULES = {
     "simulation.simulate": ("simulate",),
     "study.sweep": ("sweep",),
 }
+_PACKAGES = ("mechanism", "mujoco")  # cr.mujoco.Friction
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
@@ -155,6 +156,8 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     """Import a public name at its first use."""
+    if name in _PACKAGES:
+        return importlib.import_module(f"{__name__}.{name}")
     try:
         module = _MODULE_OF[name]
     except KeyError:

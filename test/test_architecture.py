@@ -17,7 +17,9 @@ LAYERS = (
     ("methods",),
     ("scene",),
     ("connector", "process", "importing"),
-    ("simulation", "messages", "recording", "mujoco"),
+    ("mechanism",),
+    ("simulation", "messages", "recording"),
+    ("mujoco",),
     ("reference", "identification", "laws", "report", "replay", "ros"),
     ("study",),
     ("bench",),
@@ -137,6 +139,8 @@ def modules_in(names: set[str]) -> set[str]:
     """The package's own modules among imported names, `module.attribute` as `module`."""
     found = set()
     for name in names:
+        if not name.startswith("cylconn_ros."):
+            continue  # the library mujoco is not the package cylconn_ros.mujoco
         inner = name.removeprefix("cylconn_ros.")
         if inner in NAMES:
             found.add(inner)
