@@ -21,6 +21,7 @@ class Progress:
         self._drawn = -1.0
         self._tenths = 0
         self._open_line = False
+        self.values = ""  # text beside the bar
 
     def note(self, text: str) -> None:
         """Show a text until the first progress."""
@@ -40,12 +41,23 @@ class Progress:
             self._drawn = now
             filled = round(share * _WIDTH)
             bar = "#" * filled + "." * (_WIDTH - filled)
-            elapsed = now - self._start
-            self._write(f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s")
+            elapsed, beside = now - self._start, f"  {self.values}" if self.values else ""
+            self._write(f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s{beside}")
             self._open_line = True
         elif int(share * 10.0) > self._tenths:
             self._tenths = int(share * 10.0)
-            self._write(f"{self._label}: {10 * self._tenths}%\n")
+            beside = f"  {self.values}" if self.values else ""
+            self._write(f"{self._label}: {10 * self._tenths}%{beside}\n")
+
+    def show_values(self) -> None:
+        """Show ``values`` alone, where there is no known amount of work."""
+        now = time.monotonic()
+        if now - self._drawn < (0.05 if self._terminal else 5.0):
+            return
+        self._drawn = now
+        self._write(f"\r\033[K{self._label}: {self.values}" if self._terminal
+                    else f"{self._label}: {self.values}\n")  # fmt: skip
+        self._open_line = self._terminal
 
     def close(self) -> None:
         """End the line of the bar."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.errors import ModelError
+from cylconn_ros.importing import safe_xml
 from cylconn_ros.importing.joints import Array, Lump, Pair, find_pair, lump
 from cylconn_ros.importing.model_file import compile_spec, load_spec, mujoco_module
 from cylconn_ros.importing.scene_text import Draft
@@ -18,9 +20,11 @@ def draft_of(path: Path, joints: Sequence[str]) -> Draft:
     """The scene of a joint, or of a coaxial pair. Raises ModelError."""
     model = compile_spec(load_spec(path, shapes=False), path)
     try:
-        return draft_of_model(model, joints, path.name)
+        draft = draft_of_model(model, joints, path.name)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+    _list_urdf(draft, safe_xml.read(path), joints)
+    return draft
 
 
 def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
@@ -32,6 +36,8 @@ def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
     names = [model.joint(j).name for j in pair.joints]
     draft = Draft(f"{source}, joint {' and '.join(names)}")
     draft.put("period", model.opt.timestep)
+    if int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4):
+        draft.put("plant_integration", "semi_implicit", "Of the model's integrator: x += h v+.")
     draft.put("gravity", model.opt.gravity)
     _put_bodies(draft, model, data, pair)
     _put_nodes(draft, model, data, pair)
@@ -146,6 +152,13 @@ def _put_free_axes(draft: Draft, model: Any, pair: Pair) -> None:
             draft.put(damper, damping)
         if model.dof_armature[dof] > 0.0:
             draft.left_out.append(f"{name}: armature {model.dof_armature[dof]:g}")
+        if model.jnt_actfrclimited[joint]:
+            low, high = model.jnt_actfrcrange[joint]
+            force = "N" if axis == "slide" else "N m"
+            draft.left_out.append(
+                f"{name}: effort limit {min(-low, high):g} {force}: it is of the joint's drive; "
+                f"with a motion in command.{axis} it is command.{axis}.max_force"
+            )
 
 
 def _put_friction(draft: Draft, model: Any, pair: Pair) -> None:
@@ -175,8 +188,29 @@ def _list_rest(draft: Draft, model: Any, pair: Pair) -> None:
             model.eq_obj1id[i] in joints or model.eq_obj2id[i] in joints
         ):
             draft.left_out.append("a constraint between joints (mimic): the joint is independent")
-    if model.ngeom:
-        draft.left_out.append("contacts: none between the bodies of a scene")
+    if np.any(model.geom_contype | model.geom_conaffinity):
+        draft.left_out.append(
+            "contacts: a scene has none; mujoco_plant sends their force as a load"
+        )
+
+
+def _list_urdf(draft: Draft, root: ElementTree.Element, names: Sequence[str]) -> None:
+    """List what a URDF says of its joints and MuJoCo does not read."""
+    for joint in root.iter("joint"):
+        if root.tag != "robot" or joint.get("name") not in names:
+            continue
+        name, axis = joint.get("name"), "slide" if joint.get("type") == "prismatic" else "spin"
+        limit = joint.find("limit")
+        speed = None if limit is None else limit.get("velocity")
+        if speed is not None:
+            unit = "m/s" if axis == "slide" else "rad/s"
+            draft.left_out.append(
+                f"{name}: velocity limit {speed} {unit}: it is of the joint's drive; with a motion "
+                f"in command.{axis} it is command.{axis}.approach_speed"
+            )
+        for tag in ("safety_controller", "calibration"):
+            if joint.find(tag) is not None:
+                draft.left_out.append(f"{name}: {tag}")
 
 
 def _frame(model: Any, body: int, otherwise: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from cylconn_ros.errors import ModelError
 from cylconn_ros.importing import safe_xml
+from cylconn_ros.scene.resources import shipped_models
 
 _INCLUDES = 100  # files that a model may include
 
@@ -22,6 +23,18 @@ def mujoco_module() -> Any:
             "MuJoCo is not installed; it reads MJCF and URDF: pip install 'cylconn_ros[mujoco]'"
         ) from None
     return mujoco
+
+
+def find_model(name: str | Path) -> Path:
+    """The file of a model, by path or by the name of a bundled one. Raises ModelError."""
+    path, known = Path(name), shipped_models()
+    if path.is_file() or path.suffix:
+        return path
+    if str(name) not in known:
+        raise ModelError(
+            f"{name} is neither a file nor a bundled model ({', '.join(known) or 'none'})"
+        )
+    return known[str(name)]
 
 
 def load_spec(path: Path, shapes: bool = True) -> Any:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cylconn_ros.cli import compile as command
-from cylconn_ros.cli import demo, main
+from cylconn_ros.cli import main, node_pair
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.core.jit import CACHE_DIRECTORY, is_ready
 from cylconn_ros.methods import dispatch
@@ -66,9 +66,9 @@ def test_the_demo_waits_while_the_connector_compiles(
 ) -> None:
     """Each sign of progress begins the time limit anew; the line stays in the output."""
     now = [0.0]
-    monkeypatch.setattr(demo.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(node_pair.time, "monotonic", lambda: now[0])
     with Progress("demo") as bar:
-        monitor = demo._PlantMonitor(bar, 10)
+        monitor = node_pair.PlantMonitor(bar, 10)
         first = monitor.deadline
         now[0] = 100.0
         assert not monitor.watch_connector("[INFO] model")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -43,7 +43,8 @@ class Exchange:
         (6,) force and torque on A and on B, N and N m, as received; zero before the first.
     """
 
-    def __init__(self, scene: Scene, counts: PlantCounts) -> None:
+    def __init__(self, scene: Scene, counts: PlantCounts, varying: Sequence[int] = ()) -> None:
+        """``varying``: bodies whose load changes (:meth:`set_load`), sent with every sample."""
         self._counts = counts
         self._lock_step = scene.plant.lock_step
         self.moving = [i for i, body in enumerate(scene.bodies) if body.kind != "fixed"]
@@ -56,7 +57,8 @@ class Exchange:
         ]
         self._load_writer = StampedWriter(scene.world_frame)
         loads = [np.array(body.load) for body in (scene.plant.body_a, scene.plant.body_b)]
-        self._loads = {i: loads[i] for i in self.moving if loads[i].any()}
+        self.loads_vary = bool(varying)
+        self._loads = {i: loads[i] for i in self.moving if loads[i].any() or i in varying}
         for i in self.moving:
             if i in self._loads:
                 self.outputs[f"{BODIES[i]}/load"] = WRENCH
@@ -103,6 +105,10 @@ class Exchange:
                 self._received.add(body)
             return wrench_stamp
         return None
+
+    def set_load(self, body: int, load: np.ndarray) -> None:
+        """Set the load of a body that has one: (6,) world axes, about the body frame's origin."""
+        self._loads[body] = load
 
     def loads(self, stamp: int) -> Iterator[tuple[str, bytes]]:
         """Relative topic and message of each load, stamp in ns; a connector holds the load."""

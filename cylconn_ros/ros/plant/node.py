@@ -60,6 +60,7 @@ class PlantNode(Node):
     """
 
     EXECUTABLE = "plant"
+    FIRST_WRENCH = 0.0  # s to wait for the first wrench at least
 
     def __init__(
         self, parameters: Mapping[str, Any], namespace: str = "/", **node_arguments: Any
@@ -87,7 +88,7 @@ class PlantNode(Node):
         duration = self._settings.duration / self.scene.period
         self._total = max(1, round(duration)) if math.isfinite(duration) else None
         self._steps = 0
-        self._exchange = Exchange(self.scene, self.counts)
+        self._exchange = Exchange(self.scene, self.counts, self.varying_loads())
         delay = self.scene.plant_latency
         self._late = self.make_delay(delay) if delay > 0.0 else None
         self._out = {
@@ -120,6 +121,10 @@ class PlantNode(Node):
             WrenchDelay(Plant(self.scene), 0.0).step()
         return Plant(self.scene)
 
+    def varying_loads(self) -> list[int]:
+        """Bodies with a load of its own at each sample: none."""
+        return []
+
     def make_delay(self, delay: float) -> WrenchDelay:
         """Return the plant with wrenches that act ``delay`` periods late."""
         return WrenchDelay(self.plant, delay)
@@ -151,7 +156,7 @@ class PlantNode(Node):
 
     def _send(self, first: bool = False) -> None:
         """Send the sample, and the loads if the connector may not have them."""
-        if first or not self._settings.lock_step:
+        if first or not self._settings.lock_step or self._exchange.loads_vary:
             for name, data in self._exchange.loads(self.plant.time_ns):
                 self._out[name].publish(data)
                 if first:  # the sample must not arrive before them
@@ -177,10 +182,18 @@ class PlantNode(Node):
         if not self._running:
             self._wait(now)
         elif self._settings.lock_step:
-            if now - self._sent > self._settings.timeout:
+            patience = self._settings.timeout
+            if self._steps == 0:
+                patience = max(patience, self.FIRST_WRENCH)
+                if patience > self._settings.timeout and now > max(self._remind, self._sent + 2.0):
+                    self._remind = now + _REMIND
+                    self._say(f"waiting for the first wrench on "
+                              f"{self._names(self._exchange.missing)}: a connector that was never "
+                              "started before compiles for about a minute")  # fmt: skip
+            if now - self._sent > patience:
                 self._give_up(
                     f"no wrench for the sample at {self.plant.time_ns * 1e-9:.9g} s on "
-                    f"{self._names(self._exchange.missing)} within {self._settings.timeout:g} s "
+                    f"{self._names(self._exchange.missing)} within {patience:g} s "
                     "(plant.timeout)"
                 )
             elif now - self._transmitted > _RETRANSMIT:
