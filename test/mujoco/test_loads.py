@@ -96,8 +96,8 @@ def test_an_arm_opens_a_drawer_that_slides_jams_and_slides_again(constraint: str
     plant, connector = MujocoPlant(scene, ARM, ["drawer"]), cr.Connector(scene)
     motion = Motion(ARM.with_suffix(".csv"))
     length, force, violation = [], [], 0.0
-    for k in range(6000):
-        plant.command(motion.at(k * scene.period))
+    for _ in range(6000):
+        plant.command(motion.at(plant.time_ns * 1e-9))
         load = plant.load(1)
         state = plant.state
         answer = connector.step(pose_b=state[13:20], twist_b=state[20:26], load_b=load)
