@@ -31,7 +31,8 @@ def finished(folder: Path, *arguments: str) -> Program:
 def recorded_lengths(folder: Path) -> np.ndarray:
     (recording,) = (folder / "run").glob("connector_*")
     state = cr.read_run(recording).state
-    _, first = np.unique(state[STAMP], return_index=True)  # the first sample may be sent again
+    stamps = state[STAMP[0]] * 10**9 + state[STAMP[1]].astype(np.int64)
+    _, first = np.unique(stamps, return_index=True)  # the first sample may be sent again
     return np.asarray(state["length"])[first]
 
 
