@@ -67,11 +67,12 @@ def run(options: argparse.Namespace) -> int:
         compile_with_progress({_SCENE: scene})
     restore = interrupt_on_signals()
     try:
-        commands = [
+        connector, plant = (
             [str(executable(name)), "--ros-args", "--params-file", str(used)]
             for name in ("connector", "plant")
-        ]
-        closing_lines = run_pair("demo", *commands, private_environment(), scenes.steps(scene))
+        )
+        steps = scenes.steps(scene)
+        closing_lines = run_pair("demo", connector, plant, private_environment(), steps)
     except PairFailedError as failure:
         print(f"✗ {failure}")
         return 1

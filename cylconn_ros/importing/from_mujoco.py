@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +18,23 @@ from cylconn_ros.importing.scene_text import Draft
 
 def draft_of(path: Path, joints: Sequence[str]) -> Draft:
     """The scene of a joint, or of a coaxial pair. Raises ModelError."""
-    model = compile_spec(load_spec(path, shapes=False), path)
+    repaired: dict[str, str] = {}
+    model = compile_spec(load_spec(path, shapes=False, repaired=repaired), path)
     try:
-        draft = draft_of_model(model, joints, path.name)
+        draft = draft_of_model(model, joints, path.name, repaired)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
     _list_urdf(draft, safe_xml.read(path), joints)
     return draft
 
 
-def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
-    """The scene of a joint of a compiled model, in its reference configuration."""
+def draft_of_model(
+    model: Any, joints: Sequence[str], source: str, repaired: Mapping[str, str] | None = None
+) -> Draft:
+    """The scene of a joint of a compiled model, in its reference configuration.
+
+    ``repaired``: bodies whose inertia is not that of the file, with the reason.
+    """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -39,7 +45,7 @@ def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
     if int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4):
         draft.put("plant_integration", "semi_implicit", "Of the model's integrator: x += h v+.")
     draft.put("gravity", model.opt.gravity)
-    _put_bodies(draft, model, data, pair)
+    _put_bodies(draft, model, data, pair, repaired or {})
     _put_nodes(draft, model, data, pair)
     _put_free_axes(draft, model, pair)
     _put_friction(draft, model, pair)
@@ -47,7 +53,10 @@ def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
     return draft
 
 
-def _put_bodies(draft: Draft, model: Any, data: Any, pair: Pair) -> None:
+def _put_bodies(
+    draft: Draft, model: Any, data: Any, pair: Pair, repaired: Mapping[str, str]
+) -> None:
+    _check_inertias(model, data, pair, repaired)
     moving = lump(model, data, pair.body_b, [] if pair.between is None else [pair.between])
     name = model.body(pair.body_b).name
     if moving.mass <= 0.0 or min(np.linalg.eigvalsh(_tensor(moving))) <= 0.0:
@@ -86,6 +95,16 @@ def _put_bodies(draft: Draft, model: Any, data: Any, pair: Pair) -> None:
             f"{len(beyond)} bodies on further joints of {name} ({mass:.6g} kg: "
             f"{', '.join(model.body(i).name for i in beyond[:10])}); send their effect as a load"
         )
+
+
+def _check_inertias(model: Any, data: Any, pair: Pair, repaired: Mapping[str, str]) -> None:
+    """Refuse a body of the connector whose inertia is not that of the file."""
+    members = lump(model, data, pair.body_b, [] if pair.between is None else [pair.between]).members
+    if _floats(model, pair.body_a):
+        members += lump(model, data, pair.body_a).members
+    for name in (model.body(i).name for i in members):
+        if name in repaired:
+            raise ModelError(f"link {name}: {repaired[name]}")
 
 
 def _put_lump(draft: Draft, model: Any, group: str, one: Lump) -> None:

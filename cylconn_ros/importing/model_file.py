@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cylconn_ros.errors import ModelError
-from cylconn_ros.importing import safe_xml
+from cylconn_ros.importing import safe_xml, urdf_inertia
 from cylconn_ros.scene.resources import shipped_models
 
 _INCLUDES = 100  # files that a model may include
@@ -37,17 +37,26 @@ def find_model(name: str | Path) -> Path:
     return known[str(name)]
 
 
-def load_spec(path: Path, shapes: bool = True) -> Any:
+def is_urdf(path: Path) -> bool:
+    """Whether a file is a URDF, by its root element. Raises ModelError."""
+    return safe_xml.read(path).tag == "robot"
+
+
+def load_spec(path: Path, shapes: bool = True, repaired: dict[str, str] | None = None) -> Any:
     """The file as an editable model (``MjSpec``), checked by :mod:`.safe_xml` before.
 
     ``shapes`` false leaves out what a URDF shows and collides with, which its inertias do not
-    depend on, so that its meshes need not be there. Raises ModelError.
+    depend on, so that its meshes need not be there. ``repaired`` gets the links of a URDF whose
+    inertia is impossible (urdf_inertia.py), with the reason. Raises ModelError.
     """
     mujoco = mujoco_module()
     root = safe_xml.read(path)
     try:
         if root.tag == "robot":
-            return mujoco.MjSpec.from_string(_urdf(root, path, shapes))
+            text, found = _urdf(root, path, shapes)
+            if repaired is not None:
+                repaired.update(found)
+            return mujoco.MjSpec.from_string(text)
         if root.tag != "mujoco":
             raise ModelError(
                 f"{path}: the root element is {root.tag}; must be mujoco (MJCF) or robot (URDF)"
@@ -75,8 +84,8 @@ def _refused(path: Path, error: ValueError) -> ModelError:
     return ModelError(f"{path}: MuJoCo does not accept the model: {reason}")
 
 
-def _urdf(root: ElementTree.Element, path: Path, shapes: bool) -> str:
-    """The URDF for MuJoCo: links keep their names, inertias are taken as they are given."""
+def _urdf(root: ElementTree.Element, path: Path, shapes: bool) -> tuple[str, dict[str, str]]:
+    """The URDF for MuJoCo, and links with repaired inertias: links keep their names."""
     for child in list(root):
         if "xacro" in child.tag:
             raise ModelError(f"{path}: contains xacro; expand it first: xacro {path} > robot.urdf")
@@ -89,6 +98,10 @@ def _urdf(root: ElementTree.Element, path: Path, shapes: bool) -> str:
         if not shapes and child.tag == "link":
             for part in [*child.findall("visual"), *child.findall("collision")]:
                 child.remove(part)
+    try:
+        repaired = urdf_inertia.repair(root)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
     extension = root.find("mujoco")
     if extension is None:
         extension = ElementTree.SubElement(root, "mujoco")
@@ -99,7 +112,7 @@ def _urdf(root: ElementTree.Element, path: Path, shapes: bool) -> str:
     for name, value in (("strippath", "false"), ("meshdir", str(path.parent.resolve()))):
         if shapes and name not in compiler.attrib:
             compiler.set(name, value)
-    return ElementTree.tostring(root, encoding="unicode")
+    return ElementTree.tostring(root, encoding="unicode"), repaired
 
 
 def _check_includes(root: ElementTree.Element, path: Path, seen: set[Path]) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import ModelError, SceneError
-from cylconn_ros.importing.joints import find_pair
-from cylconn_ros.importing.model_file import compile_spec, load_spec, mujoco_module
+from cylconn_ros.importing.joints import find_pair, lump
+from cylconn_ros.importing.model_file import compile_spec, is_urdf, load_spec, mujoco_module
+from cylconn_ros.mujoco.floating import exclude_contacts, float_body
 from cylconn_ros.mujoco.loads import ModelLoads
 from cylconn_ros.scene.scene import Scene
 
@@ -34,6 +35,7 @@ class MujocoPlant:
     ----------
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
         model, data: MuJoCo's. steps: periods since the start. period_ns: of one period.
+        notes: what of the model is not as in the file.
 
     Raises ModelError for a model or joint that cannot be used, SceneError for a scene that cannot.
     """
@@ -46,8 +48,8 @@ class MujocoPlant:
                 "wrench.hold = 'body': must be world; MuJoCo holds a wrench in world axes"
             )
         self.scene, self.mujoco = scene, mujoco_module()
-        spec = load_spec(path)
-        reference = compile_spec(spec, path)
+        self.notes: list[str] = []
+        spec, reference = _compiled(path, self.notes)
         data = self.mujoco.MjData(reference)
         self.mujoco.mj_forward(reference, data)
         pair = find_pair(reference, data, joints)
@@ -57,10 +59,18 @@ class MujocoPlant:
                 f"body_b.frame = {scene.body_b.frame!r}: must be the body of joint "
                 f"{' and '.join(names)}, {reference.body(pair.body_b).name}"
             )
+        if pair.body_a:  # shaft and sleeve overlap where the connector is
+            members = lump(reference, data, pair.body_b).members
+            exclude_contacts(spec, [reference.body(pair.body_a).name],
+                             [reference.body(i).name for i in members])  # fmt: skip
         if scene.constraint == "connector":
-            self.model = compile_spec(_floating(self.mujoco, path, scene.body_b.frame, pair), path)
-        else:
-            self.model = reference
+            try:
+                gone = float_body(self.mujoco, spec, scene.body_b.frame, pair)
+            except ModelError as error:
+                raise ModelError(f"{path}: {error}") from None
+            self.notes += [f"removed with the joint: {', '.join(gone)}"] if gone else []
+        self.model = compile_spec(spec, path)
+        if scene.constraint == "simulator":
             self._strip(names)
         self.model.opt.gravity[:] = scene.gravity
         substeps = max(1, round(scene.period / self.model.opt.timestep))
@@ -208,36 +218,27 @@ class MujocoPlant:
             self.state[at + 7 : at + 10], self.state[at + 10 : at + 13] = velocity[3:], velocity[:3]
 
 
+def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
+    """The file's spec and its compiled model; without shapes if a URDF's cannot be used.
+
+    Formats of meshes that MuJoCo does not read, or files that are not there, change no inertia.
+    """
+    found: dict[str, str] = {}
+    try:
+        spec = load_spec(path, repaired=found)
+        model = compile_spec(spec, path)
+    except ModelError as error:
+        if not is_urdf(path):
+            raise
+        spec = load_spec(path, shapes=False, repaired=found)
+        model = compile_spec(spec, path)
+        notes.append(f"without shapes and contacts: {error}")
+    notes += [f"link {link}: {text}; the nearest possible is used" for link, text in found.items()]
+    return spec, model
+
+
 def _rotation(mujoco: Any, quaternion: Any) -> Array:
     """Rotation matrix of a quaternion x, y, z, w."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.roll(np.asarray(quaternion, float), 1))
     return matrix.reshape(3, 3)
-
-
-def _floating(mujoco: Any, path: Path, name: str, pair: Any) -> Any:
-    """A copy of the model in which the body floats, at its place in the reference configuration.
-
-    Below another body it gets three slides and a ball joint, since only a body of the world may
-    have a free joint. It stays where it is in the tree: names, equalities and excluded contacts
-    remain what they are.
-    """
-    if pair.between is not None:
-        raise ModelError(
-            f"{path}: the joints are of two bodies; constraint connector needs both on one body"
-        )
-    spec = load_spec(path)
-    body = spec.body(name)
-    removed = [joint.name for joint in body.joints]
-    for joint in list(body.joints):
-        spec.delete(joint)
-    for part in [*spec.actuators, *spec.keys]:
-        if part in list(spec.keys) or part.target in removed:
-            spec.delete(part)
-    if body.parent == spec.worldbody:
-        body.add_freejoint()
-        return spec
-    for axis in np.eye(3):
-        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
-    return spec

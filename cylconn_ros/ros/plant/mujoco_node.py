@@ -83,6 +83,8 @@ class MujocoPlantNode(PlantNode):
             self._simulator = MujocoPlant(self.scene, self._model, self._joints)
         except ModelError as error:
             raise SceneError(str(error)) from None
+        for note in self._simulator.notes:
+            print(f"{self.EXECUTABLE}: {note}", file=sys.stderr, flush=True)
         return self._simulator
 
     def varying_loads(self) -> list[int]:
