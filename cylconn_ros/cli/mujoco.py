@@ -56,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--constraint", choices=("connector", "simulator"),
         help="connector: the joint is removed from a copy of the model; simulator: it stays, and "
-        "only friction, stops, springs and drives are sent (default: of the scene)",
+        "only friction, stops, springs and drives are sent (default: of the scene; of an imported "
+        "one simulator if body A is part of a mechanism)",
     )  # fmt: skip
     scenes.add_overrides(parser)
     parser.add_argument(
@@ -152,6 +153,10 @@ def _scene(path: Path, options: argparse.Namespace) -> Scene:
         imported = draft.scene()
         assert imported is not None  # a model has masses, else it was refused
         scene = imported
+        if scene.body_a.kind == "driven" and options.constraint is None:
+            print("body A is part of a mechanism: the model keeps its joint "
+                  "(--constraint simulator)", file=sys.stderr)  # fmt: skip
+            scene = scene.replace({"constraint": "simulator"})
     if options.constraint is not None:
         scene = scene.replace({"constraint": options.constraint})
     if not math.isfinite(scene.plant.duration) and options.duration is None and not options.steps:

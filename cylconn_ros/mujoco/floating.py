@@ -30,9 +30,12 @@ def float_body(mujoco: Any, spec: Any, name: str, pair: Any) -> list[str]:
     if body.parent == spec.worldbody:
         body.add_freejoint()
         return named
-    for axis in np.eye(3):
-        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
+    kinds = mujoco.mjtJoint
+    added = [body.add_joint(type=kinds.mjJNT_SLIDE, axis=axis) for axis in np.eye(3)]
+    for joint in (*added, body.add_joint(type=kinds.mjJNT_BALL)):
+        joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        for name in ("stiffness", "damping", "armature", "frictionloss"):  # of the default class
+            setattr(joint, name, 0.0 * np.asarray(getattr(joint, name)))
     return named
 
 

@@ -54,15 +54,18 @@ class MujocoPlant:
         self.mujoco.mj_forward(reference, data)
         pair = find_pair(reference, data, joints)
         names = [reference.joint(joint).name for joint in pair.joints]
-        if reference.body(pair.body_b).name != scene.body_b.frame:
+        for body, frame in ((pair.body_a, scene.body_a.frame), (pair.body_b, scene.body_b.frame)):
+            if body and not spec.bodies[body].name:  # a body without a name is the one it must be
+                spec.bodies[body].name = frame
+        if spec.bodies[pair.body_b].name != scene.body_b.frame:
             raise SceneError(
                 f"body_b.frame = {scene.body_b.frame!r}: must be the body of joint "
                 f"{' and '.join(names)}, {reference.body(pair.body_b).name}"
             )
         if pair.body_a:  # shaft and sleeve overlap where the connector is
             members = lump(reference, data, pair.body_b).members
-            exclude_contacts(spec, [reference.body(pair.body_a).name],
-                             [reference.body(i).name for i in members])  # fmt: skip
+            exclude_contacts(spec, [spec.bodies[pair.body_a].name],
+                             [spec.bodies[i].name for i in members])  # fmt: skip
         if scene.constraint == "connector":
             try:
                 gone = float_body(self.mujoco, spec, scene.body_b.frame, pair)
