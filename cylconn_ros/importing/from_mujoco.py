@@ -198,7 +198,7 @@ def _put_friction(draft: Draft, model: Any, pair: Pair) -> None:
 def _list_rest(draft: Draft, model: Any, pair: Pair) -> None:
     mujoco = mujoco_module()
     joints = set(pair.joints)
-    for i in range(model.nu):
+    for i in range(len(model.actuator_trntype)):
         joint_target = int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)
         if joint_target and model.actuator_trnid[i, 0] in joints:
             draft.left_out.append(f"actuator {model.actuator(i).name or i}: send ~/command instead")

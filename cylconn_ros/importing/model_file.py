@@ -56,13 +56,13 @@ def load_spec(path: Path, shapes: bool = True, repaired: dict[str, str] | None =
             text, found = _urdf(root, path, shapes)
             if repaired is not None:
                 repaired.update(found)
-            return mujoco.MjSpec.from_string(text)
+            return _named(mujoco.MjSpec.from_string(text))
         if root.tag != "mujoco":
             raise ModelError(
                 f"{path}: the root element is {root.tag}; must be mujoco (MJCF) or robot (URDF)"
             )
         _check_includes(root, path, set())
-        return mujoco.MjSpec.from_file(str(path))
+        return _named(mujoco.MjSpec.from_file(str(path)))
     except ValueError as error:
         raise _refused(path, error) from None
 
@@ -75,6 +75,21 @@ def compile_spec(spec: Any, path: Path) -> Any:
             return spec.compile()
     except ValueError as error:
         raise _refused(path, error) from None
+
+
+def control_addresses(model: Any) -> list[int]:
+    """Index of the first control of each actuator; some actuators of MuJoCo 4 have several."""
+    count = len(model.actuator_trntype)
+    return [int(k) for k in getattr(model, "actuator_ctrladr", range(count))]
+
+
+def _named(spec: Any) -> Any:
+    """Give joints without a name one by which they can be chosen: # and their number."""
+    taken = {joint.name for joint in spec.joints}
+    for number, joint in enumerate(spec.joints):
+        if not joint.name and f"#{number}" not in taken:
+            joint.name = f"#{number}"
+    return spec
 
 
 def _refused(path: Path, error: ValueError) -> ModelError:

@@ -58,9 +58,10 @@ class ModelLoads:
     def _is_driven(self) -> bool:
         """Whether there may be drives beside those of other joints."""
         model, of_joint = self._model, int(self._mujoco.mjtTrn.mjTRN_JOINT)
-        others = [i for i in range(model.nu) if int(model.actuator_trntype[i]) != of_joint]
+        count = len(model.actuator_trntype)
+        others = [i for i in range(count) if int(model.actuator_trntype[i]) != of_joint]
         own = [
-            i for i in range(model.nu)
+            i for i in range(count)
             if i not in others and int(model.actuator_trnid[i, 0]) in self._joints
         ]  # fmt: skip
         return bool(others or own or model.ntendon or np.any(model.body_gravcomp))

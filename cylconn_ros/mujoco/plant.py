@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from cylconn_ros.errors import ModelError, SceneError
 from cylconn_ros.importing.joints import find_pair, lump
-from cylconn_ros.importing.model_file import compile_spec, is_urdf, load_spec, mujoco_module
+from cylconn_ros.importing.model_file import (
+    compile_spec,
+    control_addresses,
+    is_urdf,
+    load_spec,
+    mujoco_module,
+)
 from cylconn_ros.mujoco.floating import exclude_contacts, float_body
 from cylconn_ros.mujoco.loads import ModelLoads
 from cylconn_ros.scene.scene import Scene
@@ -130,11 +136,11 @@ class MujocoPlant:
 
     def command(self, efforts: dict[str, float]) -> list[str]:
         """Set actuators by their name or their joint's name; returns names that are not known."""
-        unknown = []
-        actuators = {self.model.actuator(i).name: i for i in range(self.model.nu)}
-        for i in range(self.model.nu):
+        unknown, addresses = [], control_addresses(self.model)
+        actuators = {self.model.actuator(i).name: at for i, at in enumerate(addresses)}
+        for i, at in enumerate(addresses):
             if int(self.model.actuator_trntype[i]) == int(self.mujoco.mjtTrn.mjTRN_JOINT):
-                actuators.setdefault(self.model.joint(self.model.actuator_trnid[i, 0]).name, i)
+                actuators.setdefault(self.model.joint(self.model.actuator_trnid[i, 0]).name, at)
         for name, value in efforts.items():
             if name in actuators and np.isfinite(value):
                 self.data.ctrl[actuators[name]] = value

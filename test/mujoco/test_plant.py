@@ -71,3 +71,14 @@ def test_what_names_the_removed_joint_goes_with_it(tmp_path: Path) -> None:
         plant.step(np.zeros(6), np.array([0.0, 4.0, 0.0, 0.0, 0.0, 0.0]))
     time = plant.time_ns * 1e-9
     assert plant.state[21] == pytest.approx(4.0 / 2.0 * time, rel=1e-6)  # F t/m, without damping
+
+
+@pytest.mark.parametrize("constraint", ["connector", "simulator"])
+def test_joints_without_a_name_have_their_number(tmp_path: Path, constraint: str) -> None:
+    path = tmp_path / "gripper.xml"
+    path.write_text(GRIPPER.replace('name="slide"', "").split("<tendon>")[0] + "</mujoco>")
+    scene = from_mujoco.draft_of(path, ["#0"]).scene()
+    assert scene is not None
+    plant = MujocoPlant(scene.replace({"constraint": constraint}), path, ["#0"])
+    plant.step(np.zeros(6), np.zeros(6))
+    assert plant.model.njnt == (5 if constraint == "connector" else 2)
