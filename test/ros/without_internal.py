@@ -1,0 +1,49 @@
+"""A connector node on an rclpy, rcl or system that lacks one interface: its name, then arguments.
+
+``CLASS.METHOD`` is of rclpy's extension module, ``Node._subscriptions`` of rclpy, ``os.NAME`` and
+``select.NAME`` of Python, and anything else a function of a C library.
+"""
+
+import ctypes
+import os
+import select
+import sys
+from types import SimpleNamespace
+
+from rclpy.impl import implementation_singleton
+
+from cylconn_ros.ros.connector.node import main
+from cylconn_ros.ros.executor import executor
+
+
+class Library(ctypes.CDLL):
+    """Without the function ``removed``."""
+
+    def __getattr__(self, name: str) -> object:
+        if name == REMOVED:
+            raise AttributeError(name)
+        return super().__getattr__(name)
+
+
+REMOVED = sys.argv.pop(1)
+OWNER, _, NAME = REMOVED.rpartition(".")
+if OWNER in ("os", "select"):
+    delattr({"os": os, "select": select}[OWNER], NAME)
+elif OWNER == "Node":
+    executor.getattr = lambda thing, name, *rest: (  # type: ignore[attr-defined]
+        None if name == NAME else getattr(thing, name, *rest)
+    )
+elif OWNER:  # rclpy itself keeps its own reference
+    real = implementation_singleton.rclpy_implementation
+    classes = {
+        one: {name: None for name in dir(getattr(real, one)) if (one, name) != (OWNER, NAME)}
+        for one in ("Subscription", "Publisher")
+    }
+    implementation_singleton.rclpy_implementation = SimpleNamespace(
+        **{one: SimpleNamespace(**names) for one, names in classes.items()}
+    )
+else:
+    ctypes.CDLL = Library  # type: ignore[misc]
+
+if __name__ == "__main__":
+    raise SystemExit(main())
