@@ -8,9 +8,6 @@ import ctypes
 import os
 import select
 import sys
-from types import SimpleNamespace
-
-from rclpy.impl import implementation_singleton
 
 from cylconn_ros.ros.connector.node import main
 from cylconn_ros.ros.executor import executor
@@ -33,14 +30,9 @@ elif OWNER == "Node":
     executor.getattr = lambda thing, name, *rest: (  # type: ignore[attr-defined]
         None if name == NAME else getattr(thing, name, *rest)
     )
-elif OWNER:  # rclpy itself keeps its own reference
-    real = implementation_singleton.rclpy_implementation
-    classes = {
-        one: {name: None for name in dir(getattr(real, one)) if (one, name) != (OWNER, NAME)}
-        for one in ("Subscription", "Publisher")
-    }
-    implementation_singleton.rclpy_implementation = SimpleNamespace(
-        **{one: SimpleNamespace(**names) for one, names in classes.items()}
+elif OWNER:
+    executor.hasattr = lambda thing, name: (  # type: ignore[attr-defined]
+        hasattr(thing, name) and (thing.__name__, name) != (OWNER, NAME)
     )
 else:
     ctypes.CDLL = Library  # type: ignore[misc]
