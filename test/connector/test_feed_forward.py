@@ -56,7 +56,7 @@ def greatest_error(scene: cr.Scene, share: float) -> float:
 
 def test_a_controller_follows_its_reference_better_with_it() -> None:
     scene = cr.Scene(
-        period=0.001, latency=0.0, body_a=cr.Body(kind="fixed"),
+        period=0.001, latency=0, body_a=cr.Body(kind="fixed"),
         body_b=cr.Body(mass=2.0, inertia=(0.01, 0.0, 0.0, 0.02, 0.0, 0.02)),
         node_a=cr.Node(orientation=(0.0, 0.0, 0.0, 1.0)),
         friction=cr.Friction(coefficient=0.3, radius=0.02, overlap=0.1),

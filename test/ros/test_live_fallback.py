@@ -36,7 +36,8 @@ REMOVED = {
 @pytest.mark.parametrize("removed", REMOVED)
 def test_a_node_without_an_interface_gives_the_same_numbers(removed: str, tmp_path: Path) -> None:
     rules = [f"plant.duration:={STEPS / 1000}", "record.enabled:=true"]
-    connector = [sys.executable, WITHOUT, removed, *scene_arguments("demo", *rules)]
+    connector: list[str | Path] = [sys.executable, WITHOUT, removed]
+    connector += scene_arguments("demo", *rules)
     plant = [*module("plant.node"), *scene_arguments("demo", *rules)]
     with program(connector, tmp_path) as connecting, program(plant, tmp_path) as moving:
         assert moving.wait() == 0, moving.output

@@ -8,6 +8,7 @@ import ctypes
 import os
 import select
 import sys
+from typing import Any
 
 from cylconn_ros.ros.connector.node import main
 from cylconn_ros.ros.executor import executor
@@ -16,7 +17,7 @@ from cylconn_ros.ros.executor import executor
 class Library(ctypes.CDLL):
     """Without the function ``removed``."""
 
-    def __getattr__(self, name: str) -> object:
+    def __getattr__(self, name: str) -> Any:
         if name == REMOVED:
             raise AttributeError(name)
         return super().__getattr__(name)
