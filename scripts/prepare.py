@@ -24,7 +24,7 @@ STAMP = VENV / "prepared.json"
 PLACE = VENV / "place"  # written when the environment is complete
 LOG = VENV / "prepare.log"
 BUILD_FILES = ("CMakeLists.txt", "package.xml", "pyproject.toml", "setup.py")
-BUILD_FOLDERS = ("cmake", "config", "dashboards", "launch", "msg")
+BUILD_FOLDERS = ("cmake", "config", "dashboards", "launch", "models", "msg")
 EXTRAS = {  # extras of setup.py to install for each target
     "demo": ("demo",),
     "docs": ("docs",),

@@ -52,6 +52,7 @@ INSTALLED = [
     "include/cylconn_ros/cylconn_ros/msg/connector_state.hpp",
     *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("launch/*.py")),
     *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("config/*")),
+    *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("models/*")),
     *(f"share/cylconn_ros/{path.relative_to(ROOT)}" for path in ROOT.glob("dashboards/*")),
 ]
 SOURCES = [

@@ -89,6 +89,8 @@ def _compile_plant(scene: Scene) -> None:
 
     from cylconn_ros.simulation.plant import Plant
 
+    if scene.constraint == "simulator":  # the plant has no joint; the simulator is another one
+        return
     plant = Plant(scene)
     plant.energy()
     plant.step(np.zeros(6), np.zeros(6))

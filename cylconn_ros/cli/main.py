@@ -22,6 +22,7 @@ COMMANDS = {
     "report": "write an HTML page of a recorded run: plots, friction disc, 3-D view, summary",
     "salvage": "recover the intact messages of a damaged run, or of one that was never closed",
     "import": "make a scene from an MJCF or URDF model or an Abaqus deck",
+    "mujoco": "run an MJCF or URDF model and a connector as two ROS 2 processes, recorded",
     "identify": "estimate friction parameters from a recording of a joint",
     "laws": "check the laws of a connector step on random states, scenes or a recorded run",
     "bench": "measure speed and accuracy, also of peer solvers",

@@ -25,6 +25,7 @@ class Progress:
         self._drawn = -1.0
         self._tenths = 0
         self._open_line = False
+        self.values = ""  # text beside the bar
 
     def note(self, text: str) -> None:
         """Show a text until the first progress."""
@@ -45,12 +46,15 @@ class Progress:
             self._drawn = now
             filled = round(share * _WIDTH)
             bar = "#" * filled + "." * (_WIDTH - filled)
-            elapsed = now - self._start
-            self._write(f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s{rate}")
+            elapsed, beside = now - self._start, f"  {self.values}" if self.values else ""
+            self._write(
+                f"\r\033[K{self._label} [{bar}] {share:4.0%}  {elapsed:.1f} s{rate}{beside}"
+            )
             self._open_line = True
         elif int(share * 10.0) > self._tenths:
             self._tenths = int(share * 10.0)
-            self._write(f"{self._label}: {10 * self._tenths}%{rate}\n")
+            beside = f"  {self.values}" if self.values else ""
+            self._write(f"{self._label}: {10 * self._tenths}%{rate}{beside}\n")
 
     def _rate(self, done: int, total: int, now: float) -> str:
         """Rate since the first call and time left, if a unit was given; work resumed counts not."""
@@ -63,6 +67,16 @@ class Progress:
             return ""
         rate = (done - before) / (now - since)
         return f", {rate:.3g} {self._unit}/s, {duration((total - done) / rate)} left"
+
+    def show_values(self) -> None:
+        """Show ``values`` alone, where there is no known amount of work."""
+        now = time.monotonic()
+        if now - self._drawn < (0.05 if self._terminal else 5.0):
+            return
+        self._drawn = now
+        self._write(f"\r\033[K{self._label}: {self.values}" if self._terminal
+                    else f"{self._label}: {self.values}\n")  # fmt: skip
+        self._open_line = self._terminal
 
     def close(self) -> None:
         """End the line of the bar."""

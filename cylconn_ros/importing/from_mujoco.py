@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cylconn_ros.errors import ModelError
+from cylconn_ros.importing import safe_xml
 from cylconn_ros.importing.joints import Array, Lump, Pair, find_pair, lump
 from cylconn_ros.importing.model_file import compile_spec, load_spec, mujoco_module
 from cylconn_ros.importing.scene_text import Draft
@@ -16,15 +18,23 @@ from cylconn_ros.importing.scene_text import Draft
 
 def draft_of(path: Path, joints: Sequence[str]) -> Draft:
     """The scene of a joint, or of a coaxial pair. Raises ModelError."""
-    model = compile_spec(load_spec(path, shapes=False), path)
+    repaired: dict[str, str] = {}
+    model = compile_spec(load_spec(path, shapes=False, repaired=repaired), path)
     try:
-        return draft_of_model(model, joints, path.name)
+        draft = draft_of_model(model, joints, path.name, repaired)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+    _list_urdf(draft, safe_xml.read(path), joints)
+    return draft
 
 
-def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
-    """The scene of a joint of a compiled model, in its reference configuration."""
+def draft_of_model(
+    model: Any, joints: Sequence[str], source: str, repaired: Mapping[str, str] | None = None
+) -> Draft:
+    """The scene of a joint of a compiled model, in its reference configuration.
+
+    ``repaired``: bodies whose inertia is not that of the file, with the reason.
+    """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -32,8 +42,10 @@ def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
     names = [model.joint(j).name for j in pair.joints]
     draft = Draft(f"{source}, joint {' and '.join(names)}")
     draft.put("period", model.opt.timestep)
+    if int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4):
+        draft.put("plant_integration", "semi_implicit", "Of the model's integrator: x += h v+.")
     draft.put("gravity", model.opt.gravity)
-    _put_bodies(draft, model, data, pair)
+    _put_bodies(draft, model, data, pair, repaired or {})
     _put_nodes(draft, model, data, pair)
     _put_free_axes(draft, model, pair)
     _put_friction(draft, model, pair)
@@ -41,7 +53,10 @@ def draft_of_model(model: Any, joints: Sequence[str], source: str) -> Draft:
     return draft
 
 
-def _put_bodies(draft: Draft, model: Any, data: Any, pair: Pair) -> None:
+def _put_bodies(
+    draft: Draft, model: Any, data: Any, pair: Pair, repaired: Mapping[str, str]
+) -> None:
+    _check_inertias(model, data, pair, repaired)
     moving = lump(model, data, pair.body_b, [] if pair.between is None else [pair.between])
     name = model.body(pair.body_b).name
     if moving.mass <= 0.0 or min(np.linalg.eigvalsh(_tensor(moving))) <= 0.0:
@@ -80,6 +95,16 @@ def _put_bodies(draft: Draft, model: Any, data: Any, pair: Pair) -> None:
             f"{len(beyond)} bodies on further joints of {name} ({mass:.6g} kg: "
             f"{', '.join(model.body(i).name for i in beyond[:10])}); send their effect as a load"
         )
+
+
+def _check_inertias(model: Any, data: Any, pair: Pair, repaired: Mapping[str, str]) -> None:
+    """Refuse a body of the connector whose inertia is not that of the file."""
+    members = lump(model, data, pair.body_b, [] if pair.between is None else [pair.between]).members
+    if _floats(model, pair.body_a):
+        members += lump(model, data, pair.body_a).members
+    for name in (model.body(i).name for i in members):
+        if name in repaired:
+            raise ModelError(f"link {name}: {repaired[name]}")
 
 
 def _put_lump(draft: Draft, model: Any, group: str, one: Lump) -> None:
@@ -146,6 +171,13 @@ def _put_free_axes(draft: Draft, model: Any, pair: Pair) -> None:
             draft.put(damper, damping)
         if model.dof_armature[dof] > 0.0:
             draft.left_out.append(f"{name}: armature {model.dof_armature[dof]:g}")
+        if model.jnt_actfrclimited[joint]:
+            low, high = model.jnt_actfrcrange[joint]
+            force = "N" if axis == "slide" else "N m"
+            draft.left_out.append(
+                f"{name}: effort limit {min(-low, high):g} {force}: it is of the joint's drive; "
+                f"with a motion in command.{axis} it is command.{axis}.max_force"
+            )
 
 
 def _put_friction(draft: Draft, model: Any, pair: Pair) -> None:
@@ -166,7 +198,7 @@ def _put_friction(draft: Draft, model: Any, pair: Pair) -> None:
 def _list_rest(draft: Draft, model: Any, pair: Pair) -> None:
     mujoco = mujoco_module()
     joints = set(pair.joints)
-    for i in range(model.nu):
+    for i in range(len(model.actuator_trntype)):
         joint_target = int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)
         if joint_target and model.actuator_trnid[i, 0] in joints:
             draft.left_out.append(f"actuator {model.actuator(i).name or i}: send ~/command instead")
@@ -175,8 +207,29 @@ def _list_rest(draft: Draft, model: Any, pair: Pair) -> None:
             model.eq_obj1id[i] in joints or model.eq_obj2id[i] in joints
         ):
             draft.left_out.append("a constraint between joints (mimic): the joint is independent")
-    if model.ngeom:
-        draft.left_out.append("contacts: none between the bodies of a scene")
+    if np.any(model.geom_contype | model.geom_conaffinity):
+        draft.left_out.append(
+            "contacts: a scene has none; mujoco_plant sends their force as a load"
+        )
+
+
+def _list_urdf(draft: Draft, root: ElementTree.Element, names: Sequence[str]) -> None:
+    """List what a URDF says of its joints and MuJoCo does not read."""
+    for joint in root.iter("joint"):
+        if root.tag != "robot" or joint.get("name") not in names:
+            continue
+        name, axis = joint.get("name"), "slide" if joint.get("type") == "prismatic" else "spin"
+        limit = joint.find("limit")
+        speed = None if limit is None else limit.get("velocity")
+        if speed is not None:
+            unit = "m/s" if axis == "slide" else "rad/s"
+            draft.left_out.append(
+                f"{name}: velocity limit {speed} {unit}: it is of the joint's drive; with a motion "
+                f"in command.{axis} it is command.{axis}.approach_speed"
+            )
+        for tag in ("safety_controller", "calibration"):
+            if joint.find(tag) is not None:
+                draft.left_out.append(f"{name}: {tag}")
 
 
 def _frame(model: Any, body: int, otherwise: str) -> str:

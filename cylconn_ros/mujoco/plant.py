@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 
 from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.errors import ModelError, SceneError
-from cylconn_ros.importing.joints import find_pair
-from cylconn_ros.importing.model_file import compile_spec, load_spec, mujoco_module
+from cylconn_ros.importing.joints import find_pair, lump
+from cylconn_ros.importing.model_file import (
+    compile_spec,
+    control_addresses,
+    is_urdf,
+    load_spec,
+    mujoco_module,
+)
+from cylconn_ros.mujoco.floating import exclude_contacts, float_body
+from cylconn_ros.mujoco.loads import ModelLoads
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -34,6 +42,7 @@ class MujocoPlant:
     ----------
         state: (26,) pose and twist of A, then of B, as in a sample (world axes).
         model, data: MuJoCo's. steps: periods since the start. period_ns: of one period.
+        notes: what of the model is not as in the file.
 
     Raises ModelError for a model or joint that cannot be used, SceneError for a scene that cannot.
     """
@@ -46,23 +55,32 @@ class MujocoPlant:
                 "wrench.hold = 'body': must be world; MuJoCo holds a wrench in world axes"
             )
         self.scene, self.mujoco = scene, mujoco_module()
-        spec = load_spec(path)
-        reference = compile_spec(spec, path)
+        self.notes: list[str] = []
+        spec, reference = _compiled(path, self.notes)
         data = self.mujoco.MjData(reference)
         self.mujoco.mj_forward(reference, data)
         pair = find_pair(reference, data, joints)
         names = [reference.joint(joint).name for joint in pair.joints]
-        if reference.body(pair.body_b).name != scene.body_b.frame:
+        for body, frame in ((pair.body_a, scene.body_a.frame), (pair.body_b, scene.body_b.frame)):
+            if body and not spec.bodies[body].name:  # a body without a name is the one it must be
+                spec.bodies[body].name = frame
+        if spec.bodies[pair.body_b].name != scene.body_b.frame:
             raise SceneError(
                 f"body_b.frame = {scene.body_b.frame!r}: must be the body of joint "
                 f"{' and '.join(names)}, {reference.body(pair.body_b).name}"
             )
+        if pair.body_a:  # shaft and sleeve overlap where the connector is
+            members = lump(reference, data, pair.body_b).members
+            exclude_contacts(spec, [spec.bodies[pair.body_a].name],
+                             [spec.bodies[i].name for i in members])  # fmt: skip
         if scene.constraint == "connector":
-            self.model = compile_spec(
-                _floating(self.mujoco, path, scene.body_b.frame, pair, data), path
-            )
-        else:
-            self.model = reference
+            try:
+                gone = float_body(self.mujoco, spec, scene.body_b.frame, pair)
+            except ModelError as error:
+                raise ModelError(f"{path}: {error}") from None
+            self.notes += [f"removed with the joint: {', '.join(gone)}"] if gone else []
+        self.model = compile_spec(spec, path)
+        if scene.constraint == "simulator":
             self._strip(names)
         self.model.opt.gravity[:] = scene.gravity
         substeps = max(1, round(scene.period / self.model.opt.timestep))
@@ -70,6 +88,8 @@ class MujocoPlant:
         self.model.opt.timestep = scene.period / substeps
         self.data = self.mujoco.MjData(self.model)
         self._bodies = [self._body(scene.body_a.frame), self._body(scene.body_b.frame)]
+        kept = pair.joints if scene.constraint == "simulator" else []
+        self._sources = [self._source(k, kept) for k in range(2)]
         self.par = np.zeros(0)
         self.period_ns, self.steps = round(scene.period * 1e9), 0
         self.over_time = OverTime(scene)
@@ -90,6 +110,27 @@ class MujocoPlant:
         found = self.mujoco.mj_name2id(self.model, self.mujoco.mjtObj.mjOBJ_BODY, name)
         return None if found < 0 else int(found)
 
+    def _source(self, k: int, kept: Sequence[int]) -> ModelLoads | None:
+        """What else acts on body A (0) or B (1), if the connector computes its motion."""
+        body = self._bodies[k]
+        if body is None or self.scene.bodies[k].kind != "free":
+            return None
+        source = ModelLoads(self.mujoco, self.model, body, kept, child=k == 1)
+        return source if source.present else None
+
+    @property
+    def varying(self) -> list[int]:
+        """Bodies on which other parts of the model may act: 0 for A, 1 for B."""
+        return [k for k, source in enumerate(self._sources) if source is not None]
+
+    def load(self, k: int) -> Array:
+        """Load on body A (0) or B (1) at the present state, (6,) N, N m: constant and measured.
+
+        About the body frame's origin, world axes.
+        """
+        source, constant = self._sources[k], self.loads[6 * k : 6 * k + 6]
+        return constant if source is None else constant + source.read(self.data)
+
     @property
     def time_ns(self) -> int:
         """Simulated time, ns."""
@@ -97,11 +138,11 @@ class MujocoPlant:
 
     def command(self, efforts: dict[str, float]) -> list[str]:
         """Set actuators by their name or their joint's name; returns names that are not known."""
-        unknown = []
-        actuators = {self.model.actuator(i).name: i for i in range(self.model.nu)}
-        for i in range(self.model.nu):
+        unknown, addresses = [], control_addresses(self.model)
+        actuators = {self.model.actuator(i).name: at for i, at in enumerate(addresses)}
+        for i, at in enumerate(addresses):
             if int(self.model.actuator_trntype[i]) == int(self.mujoco.mjtTrn.mjTRN_JOINT):
-                actuators.setdefault(self.model.joint(self.model.actuator_trnid[i, 0]).name, i)
+                actuators.setdefault(self.model.joint(self.model.actuator_trnid[i, 0]).name, at)
         for name, value in efforts.items():
             if name in actuators and np.isfinite(value):
                 self.data.ctrl[actuators[name]] = value
@@ -123,6 +164,34 @@ class MujocoPlant:
         self.loads[:] = self.over_time.loads(self.steps)
         self._read()
 
+    def along_axis(self, wrench_b: Array) -> dict[str, float]:
+        """Relative motion along and about the connector's axis e1, and the wrench on B there.
+
+        length (m), rate (m/s), force (N), angle (rad), spin (rad/s), moment (N m). The moment is
+        about the mass centre of B. ``wrench_b``: as published.
+        """
+        at, turn, fast, spin = [], [], [], []
+        for k, node in enumerate((self.scene.node_a, self.scene.node_b)):
+            state = self.state[13 * k : 13 * k + 13]
+            rotation = _rotation(self.mujoco, state[3:7])
+            arm = rotation @ np.array(node.position)
+            orientation = node.orientation or self.scene.node_a.orientation
+            at.append(state[:3] + arm)
+            turn.append(rotation @ _rotation(self.mujoco, orientation))
+            fast.append(state[7:10] + np.cross(state[10:13], arm))
+            spin.append(state[10:13])
+        e1, relative = turn[0][:, 0], turn[0].T @ turn[1]
+        body = self._bodies[1]
+        wrench = np.zeros(6) if body is None else self._about_com(1, body, wrench_b)
+        return {
+            "length": float(e1 @ (at[1] - at[0])),
+            "rate": float(e1 @ (fast[1] - fast[0])),
+            "force": float(e1 @ wrench[:3]),
+            "angle": float(np.arctan2(relative[2, 1], relative[1, 1])),
+            "spin": float(e1 @ (spin[1] - spin[0])),
+            "moment": float(e1 @ wrench[3:]),
+        }
+
     def _about_com(self, k: int, body: int, wrench: Array) -> Array:
         """A published wrench in world axes about the body's mass centre in MuJoCo (xipos)."""
         force, torque = wrench[:3], wrench[3:]
@@ -140,9 +209,13 @@ class MujocoPlant:
         return np.concatenate([force, torque + np.cross(arm, force)])
 
     def _read(self) -> None:
-        """State at the present positions and velocities."""
-        self.mujoco.mj_kinematics(self.model, self.data)
-        self.mujoco.mj_comPos(self.model, self.data)
+        """State at the present positions and velocities, and the forces if they are sent."""
+        if self.varying:
+            self.mujoco.mj_forward(self.model, self.data)
+            self.mujoco.mj_rnePostConstraint(self.model, self.data)
+        else:
+            self.mujoco.mj_kinematics(self.model, self.data)
+            self.mujoco.mj_comPos(self.model, self.data)
         self.mujoco.mj_comVel(self.model, self.data)
         velocity = np.zeros(6)
         for k, body in enumerate(self._bodies):
@@ -157,28 +230,27 @@ class MujocoPlant:
             self.state[at + 7 : at + 10], self.state[at + 10 : at + 13] = velocity[3:], velocity[:3]
 
 
-def _floating(mujoco: Any, path: Path, name: str, pair: Any, data: Any) -> Any:
-    """A copy of the model in which the body floats, at its place in the reference configuration."""
-    if pair.between is not None:
-        raise ModelError(
-            f"{path}: the joints are of two bodies; constraint connector needs both on one body"
-        )
-    spec = load_spec(path)
-    body = spec.body(name)
-    for joint in list(body.joints):
-        spec.delete(joint)
-    for actuator in list(spec.actuators):
-        if actuator.target not in [joint.name for joint in spec.joints]:
-            spec.delete(actuator)
-    if body.parent != spec.worldbody:
-        source = spec.copy()
-        spec.delete(body)
-        frame = spec.worldbody.add_frame(pos=data.body(name).xpos, quat=data.body(name).xquat)
-        part = source.body(name)
-        part.pos, part.quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
-        frame.attach_body(part, "", "")
-        body = spec.body(name)
-    body.add_freejoint()
-    for key in list(spec.keys):
-        spec.delete(key)
-    return spec
+def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
+    """The file's spec and its compiled model; without shapes if a URDF's cannot be used.
+
+    Formats of meshes that MuJoCo does not read, or files that are not there, change no inertia.
+    """
+    found: dict[str, str] = {}
+    try:
+        spec = load_spec(path, repaired=found)
+        model = compile_spec(spec, path)
+    except ModelError as error:
+        if not is_urdf(path):
+            raise
+        spec = load_spec(path, shapes=False, repaired=found)
+        model = compile_spec(spec, path)
+        notes.append(f"without shapes and contacts: {error}")
+    notes += [f"link {link}: {text}; the nearest possible is used" for link, text in found.items()]
+    return spec, model
+
+
+def _rotation(mujoco: Any, quaternion: Any) -> Array:
+    """Rotation matrix of a quaternion x, y, z, w."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.roll(np.asarray(quaternion, float), 1))
+    return matrix.reshape(3, 3)

@@ -31,11 +31,20 @@ def shipped_scenes() -> dict[str, Path]:
 
         print(*cr.shipped_scenes())
     """
+    return _shipped("config", (".yaml",))
+
+
+def shipped_models() -> dict[str, Path]:
+    """Files of the bundled MJCF and URDF models by name: as those of the scenes."""
+    return _shipped("models", (".xml", ".urdf"))
+
+
+def _shipped(folder: str, endings: tuple[str, ...]) -> dict[str, Path]:
     checkout = Path(cylconn_ros.__file__).resolve().parents[1]
-    places = [checkout / "config"] if (checkout / "package.xml").is_file() else []
-    places += [share / "cylconn_ros" / "config" for share in share_directories()]
+    places = [checkout / folder] if (checkout / "package.xml").is_file() else []
+    places += [share / "cylconn_ros" / folder for share in share_directories()]
     for place in places:
-        found = {path.stem: path for path in sorted(place.glob("*.yaml"))}
+        found = {p.stem: p for p in sorted(place.glob("*")) if p.suffix in endings}
         if found:
             return found
     return {}

@@ -13,7 +13,7 @@ import pytest
 
 from cylconn_ros.bench.identification import joints, sensors
 from cylconn_ros.cli import compile as command
-from cylconn_ros.cli import demo, main
+from cylconn_ros.cli import main, node_pair
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.core.jit import CACHE_DIRECTORY, COMPILED, is_ready
 from cylconn_ros.identification.friction import estimate_friction
@@ -81,9 +81,9 @@ def test_the_demo_waits_while_the_connector_compiles(
 ) -> None:
     """Each sign of progress begins the time limit anew; the line stays in the output."""
     now = [0.0]
-    monkeypatch.setattr(demo.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(node_pair.time, "monotonic", lambda: now[0])
     with Progress("demo") as bar:
-        monitor = demo._PlantMonitor(bar, 10)
+        monitor = node_pair.PlantMonitor(bar, 10)
         first = monitor.deadline
         now[0] = 100.0
         assert not monitor.watch_connector("[INFO] model")

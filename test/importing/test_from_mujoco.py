@@ -53,7 +53,7 @@ def test_a_urdf_drawer_with_a_welded_handle(tmp_path: Path) -> None:
     [
         ({"joint": "fixed"}, "joint drawer: not in the model"),
         ({"joint": "floating"}, "does not accept the model"),
-        ({"inertia": "1.0"}, "does not accept the model"),
+        ({"inertia": "1.0"}, "link handle: principal moments 0.0001, 0.0001, 1 kg"),
         ({"mass": "-1"}, "none may be negative"),
     ],
 )

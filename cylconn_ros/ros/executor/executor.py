@@ -54,6 +54,12 @@ _PARTIAL = 0.1  # s for which a partly received sample is checked without an eve
 _REGULAR = 2  # consecutive samples with loads after which their stream is a regular one
 _MANY = 1000  # messages of one stream taken in a row
 
+_INTERNAL = {
+    "Subscription": ("take_message", "pointer"),
+    "Publisher": ("publish_raw", "pointer", "get_subscription_count"),
+}
+"""Classes and methods of rclpy's extension module that are used here and are not public."""
+
 Receive = Callable[[bytes], bool]
 """Process a serialized message; return True if it completed a sample."""
 
@@ -68,9 +74,10 @@ def missing(node: Node) -> str:
         from rclpy.impl.implementation_singleton import rclpy_implementation
     except ImportError:
         return "rclpy.impl.implementation_singleton"
-    for name in ("take_message", "pointer"):
-        if not hasattr(getattr(rclpy_implementation, "Subscription", None), name):
-            return f"Subscription.{name}"
+    for owner, names in _INTERNAL.items():
+        for name in names:
+            if not hasattr(getattr(rclpy_implementation, owner, None), name):
+                return f"{owner}.{name}"
     if not isinstance(getattr(node, "_subscriptions", None), list):
         return "Node._subscriptions"
     return new_message_event.missing()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -43,7 +43,8 @@ class Exchange:
         (6,) force and torque on A and on B, N and N m, as received; zero before the first.
     """
 
-    def __init__(self, scene: Scene, counts: PlantCounts) -> None:
+    def __init__(self, scene: Scene, counts: PlantCounts, varying: Sequence[int] = ()) -> None:
+        """``varying``: bodies whose load changes, sent with every sample."""
         self._counts = counts
         self._lock_step = scene.plant.lock_step
         self.moving = [i for i, body in enumerate(scene.bodies) if body.kind != "fixed"]
@@ -56,7 +57,8 @@ class Exchange:
         ]
         self._load_writer = StampedWriter(scene.world_frame)
         loads = [body.load for body in (scene.plant.body_a, scene.plant.body_b)]
-        self._loaded = [i for i in self.moving if any(loads[i])]
+        self.loads_vary = bool(varying)
+        self._loaded = [i for i in self.moving if any(loads[i]) or i in varying]
         for i in self.moving:
             if i in self._loaded:
                 self.outputs[f"{BODIES[i]}/load"] = WRENCH

@@ -62,6 +62,7 @@ class PlantNode(Node):
     """
 
     EXECUTABLE = "plant"
+    FIRST_WRENCH = 0.0  # s to wait for the first wrench at least
 
     def __init__(
         self, parameters: Mapping[str, Any], namespace: str = "/", **node_arguments: Any
@@ -89,7 +90,7 @@ class PlantNode(Node):
         duration = self._settings.duration / self.scene.period
         self._total = max(1, round(duration)) if math.isfinite(duration) else None
         self._steps = 0
-        self._exchange = Exchange(self.scene, self.counts)
+        self._exchange = Exchange(self.scene, self.counts, self.varying_loads())
         self._commands = CommandWriter(self.scene)
         self._command_topics = _command_topics(self._commands, namespace, name)
         commands = [(self._command_topics[of], kind) for of, kind in self._commands.topics.items()]
@@ -124,6 +125,14 @@ class PlantNode(Node):
         if self.scene.plant_latency > 0.0:
             WrenchDelay(Plant(self.scene), 0.0).step()
         return Plant(self.scene)
+
+    def varying_loads(self) -> list[int]:
+        """Bodies with a load of its own at each sample: none."""
+        return []
+
+    def sent_loads(self) -> np.ndarray:
+        """(12,) loads on A and B that are sent with a sample, about the body frames' origins."""
+        return self.plant.loads
 
     def make_delay(self, delay: float) -> WrenchDelay:
         """Return the plant with wrenches that act ``delay`` periods late."""
@@ -161,8 +170,9 @@ class PlantNode(Node):
         # connector takes what has arrived before each sample.
         for name, data in self._commands.write(stamp, self.plant.steps):
             self._out[last := self._command_topics[name]].publish(data)
-        if first or changing.loads_change or not self._settings.lock_step:
-            for name, data in self._exchange.loads(stamp, self.plant.loads):
+        vary = changing.loads_change or self._exchange.loads_vary
+        if first or vary or not self._settings.lock_step:
+            for name, data in self._exchange.loads(stamp, self.sent_loads()):
                 self._out[last := name].publish(data)
         if first and last:  # the sample must not arrive before them
             self._out[last].wait_for_all_acked(_ACKNOWLEDGE)
@@ -187,10 +197,18 @@ class PlantNode(Node):
         if not self._running:
             self._wait(now)
         elif self._settings.lock_step:
-            if now - self._sent > self._settings.timeout:
+            patience = self._settings.timeout
+            if self._steps == 0:
+                patience = max(patience, self.FIRST_WRENCH)
+                if patience > self._settings.timeout and now > max(self._remind, self._sent + 2.0):
+                    self._remind = now + _REMIND
+                    self._say(f"waiting for the first wrench on "
+                              f"{self._names(self._exchange.missing)}: a connector that was never "
+                              "started before compiles for about a minute")  # fmt: skip
+            if now - self._sent > patience:
                 self._give_up(
                     f"no wrench for the sample at {self.plant.time_ns * 1e-9:.9g} s on "
-                    f"{self._names(self._exchange.missing)} within {self._settings.timeout:g} s "
+                    f"{self._names(self._exchange.missing)} within {patience:g} s "
                     "(plant.timeout)"
                 )
             elif now - self._transmitted > _RETRANSMIT:
