@@ -26,7 +26,7 @@ from cylconn_ros.identification.forces.correlation import (
 )
 from cylconn_ros.identification.forces.delay import Delay, twist_delay
 from cylconn_ros.identification.forces.drives import PRESSED
-from cylconn_ros.identification.forces.intervals import measure_intervals
+from cylconn_ros.identification.forces.intervals import measure_intervals, with_mean_loads
 from cylconn_ros.identification.forces.segments import (
     find_segments,
     slip_rate,
@@ -321,7 +321,8 @@ def _thinned(samples: SampleArrays, drive: Array | None) -> tuple[SampleArrays, 
     if drive is not None:
         thinned = drive[::2].copy()
         thinned[1:] = 0.5 * (drive[2::2] + drive[1:-1:2])
-    return samples.every_second(), thinned
+    # Means of the loads: held over two periods, each would act half a period late.
+    return with_mean_loads(samples).every_second(), thinned
 
 
 def _coarse_change(scene: Scene, part: Part, fitted: KineticFit, taken: int, whole: bool) -> Array:

@@ -41,3 +41,11 @@ def test_a_recording_that_is_sampled_too_slowly_is_named(
     if slow:
         assert "sampled too slowly" in found.doubts[0]
         assert "record at more than 100 Hz (seen: 50 Hz)" in found.doubts[0]
+
+
+def test_loads_that_are_held_are_no_error_of_the_sample_period() -> None:
+    """Of every second sample they are half a period late: intervals were 2.3 times too wide."""
+    samples = sensors.measured(joints.motion("with offset"), "white", 1)
+    mu = estimate_friction(joints.scene(), samples)["coefficient"]
+    assert mu.low < 0.2 < mu.high
+    assert mu.high - mu.low < 0.012

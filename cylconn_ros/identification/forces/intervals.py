@@ -150,6 +150,13 @@ def _loads(samples: SampleArrays, usual: float) -> Array:
     return loads
 
 
+def with_mean_loads(samples: SampleArrays) -> SampleArrays:
+    """Return the samples with the mean loads over the interval that begins with each."""
+    rows = samples.samples.copy()
+    rows[:, layout.LOADS] = _loads(samples, float(np.median(samples.h[1:])))
+    return SampleArrays(samples.stamps, samples.h, samples.restarted, rows, averaged=True)
+
+
 def _check_separable(scene: Scene) -> None:
     for name in ("slide", "spin"):
         imposed = getattr(scene.command, name)
