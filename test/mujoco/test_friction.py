@@ -1,6 +1,7 @@
 """Friction in the user's own MuJoCo loop, from the reactions of the same step."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import planar_slider
@@ -38,7 +39,7 @@ def one_body(scene: cr.Scene, joints: str) -> str:
         fullinertia="{i[0]} {i[3]} {i[5]} {i[1]} {i[2]} {i[4]}"/></body></worldbody></mujoco>"""
 
 
-BASE = {
+BASE: dict[str, Any] = {
     "node_a": cr.Node(orientation=(0, 0, 0, 1)), "body_a": cr.Body(kind="fixed"),
     "period": 0.001, "latency": 0, "plant_integration": "semi_implicit",
     "reference": cr.Reference(offsets="zero", misalignment="zero"),
@@ -351,7 +352,9 @@ def test_the_example_model_jams_off_the_middle() -> None:
     path = Path(ROOT / "models" / "arm_opens_drawer.xml")
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
-    friction = cr.mujoco.Friction(model, data, slide="slide", scene=FRICTION)
+    friction: Any = cr.mujoco.Friction(  # type: ignore[attr-defined]
+        model, data, slide="slide", scene=FRICTION
+    )
     drawer = model.body("drawer").id
     for offset, moves in ((0.0, True), (0.19, False)):  # c = 2 mu d / L: 0, and 1.14
         mujoco.mj_resetData(model, data)
