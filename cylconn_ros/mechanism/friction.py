@@ -119,7 +119,8 @@ def _wrenches(reaction: Any, free: Array, by: Array, nv: int) -> tuple[Array, Ar
     """The wrench without force, and its change by a unit of f1 and of m1."""
     base: Array
     if callable(reaction):
-        base = _array(reaction(free), "reaction", (6,))
+        # A copy: a simulator may return a view of what its next call overwrites.
+        base = np.array(_array(reaction(free), "reaction", (6,)))
         changed = [_array(reaction(free + by[:, k]), "reaction", (6,)) - base for k in range(2)]
         return base, changed[0], changed[1]
     bias: Any = _array(reaction[0], "reaction[0]", (6,))
