@@ -9,6 +9,8 @@ import pkgutil
 
 TYPE_CHECKING = False  # typing.TYPE_CHECKING without the time that importing typing takes
 if TYPE_CHECKING:
+    from cylconn_ros import mechanism as mechanism
+    from cylconn_ros import mujoco as mujoco
     from cylconn_ros.connector.connector import Connector
     from cylconn_ros.connector.outputs import StepResult
     from cylconn_ros.errors import (

@@ -189,6 +189,7 @@ def test_a_wrong_import_is_seen(module: str, name: str) -> None:
 # Folders with more modules side by side than a reader takes in at once, and why they are not cut.
 MANY_FILES = 14
 WIDE = {
+    "connector": "one part of what serves samples a file",
     "core": "one concept of the mechanics a file",
     "laws": "one law, or one ingredient of the independent check, a file",
     "methods": "one method, or one part of a step that methods share, a file",

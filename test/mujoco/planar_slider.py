@@ -79,7 +79,7 @@ def reference(end: float) -> tuple[np.ndarray, list[tuple[float, float]]]:
             x = None if side else solve(t, y, None)
             return y[3] if x is None else limit(x) - abs(x[2])
 
-        event.terminal, event.direction = True, -side or -1.0
+        event.terminal, event.direction = True, -side or -1.0  # type: ignore[attr-defined]
         run = solve_ivp(
             rates, (t, end), y, method="DOP853", rtol=1e-11, atol=1e-13, events=event, max_step=0.01
         )

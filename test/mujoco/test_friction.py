@@ -352,9 +352,7 @@ def test_the_example_model_jams_off_the_middle() -> None:
     path = Path(ROOT / "models" / "arm_opens_drawer.xml")
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
-    friction: Any = cr.mujoco.Friction(  # type: ignore[attr-defined]
-        model, data, slide="slide", scene=FRICTION
-    )
+    friction = cr.mujoco.Friction(model, data, slide="slide", scene=FRICTION)
     drawer = model.body("drawer").id
     for offset, moves in ((0.0, True), (0.19, False)):  # c = 2 mu d / L: 0, and 1.14
         mujoco.mj_resetData(model, data)
