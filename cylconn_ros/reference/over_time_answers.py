@@ -124,7 +124,8 @@ def _jumps(
         return y[1]
 
     rests.terminal, rests.direction = True, -1  # type: ignore[attr-defined]
-    t, x, found = 0.0, 0.0, []
+    t, x = 0.0, 0.0
+    found: list[float] = []
     while True:
         t = max(t, x / speed + static / (stiffness * speed))
         if t >= end:

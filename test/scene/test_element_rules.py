@@ -70,7 +70,7 @@ def test_what_can_be_is_accepted() -> None:
 @pytest.mark.parametrize("name", ["k1", "kr1"])
 def test_a_linear_spring_has_a_greatest_stiffness_on_a_semi_implicit_plant(name: str) -> None:
     """4 m/h^2: beyond it the motion grows by orders of magnitude."""
-    given = {"period": 1e-3, "plant_integration": "semi_implicit"}
+    given: dict[str, Any] = {"period": 1e-3, "plant_integration": "semi_implicit"}
     text = f"elasticity.{name}: a stiffness of .* must be at most .* semi_implicit"
     with pytest.raises(SceneError, match=text):
         sleeve(elasticity={name: 8.1e6}, **given)
