@@ -124,8 +124,8 @@ def _jumps(
         return y[1]
 
     rests.terminal, rests.direction = True, -1  # type: ignore[attr-defined]
-    found: list[float] = []
     t, x = 0.0, 0.0
+    found: list[float] = []
     while True:
         t = max(t, x / speed + static / (stiffness * speed))
         if t >= end:
