@@ -6,6 +6,8 @@ events it integrates to a tolerance, so momentum is constant to that tolerance, 
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +33,8 @@ def check(scene: Scene) -> tuple[dict[str, Array], float]:
     times = np.linspace(0.0, scene.plant.duration, INSTANTS)
     found = solve(scene, times=times)
     p = parameters_of([scene]).take(np.zeros(INSTANTS, dtype=np.intp))
+    preload = scene.plant.preload_amplitude
+    p = dataclasses.replace(p, preload=p.preload * np.array([preload.at(t) for t in times]))
     p = at_contact(p, found.length, found.length[:1], np.abs(found.length))
     residuals = _friction(p, scene, found)
     events = np.isin(

@@ -43,6 +43,7 @@ def through(scene: Scene, late: int, steps: int, latency: int, lost: float = 0.0
     energy, outs = np.empty(steps), []
     for k in range(steps):
         energy[k] = plant.energy()
+        plant.over_time.follow(connector, k)
         sample[layout.MOTION], sample[layout.LOADS] = plant.state, plant.loads
         gone += 1
         if k == 0 or rng.random() >= lost:
