@@ -124,7 +124,13 @@ def _along(
     states, accuracy = computed
     rows = np.zeros((samples, layout.NSAMPLE))
     rows[:, layout.MOTION], rows[:, layout.LOADS] = states[:-1], plant.loads
-    outs, energy = connector.run(rows), np.empty(samples)
+    changing, energy = plant.over_time, np.empty(samples)
+    outs = np.empty((samples, layout.NOUT)) if changing.changes else connector.run(rows)
+    if changing.changes:  # as a replay takes its messages
+        for k in range(samples):
+            changing.follow(connector, k)
+            rows[k, layout.LOADS] = changing.loads(k)
+            outs[k] = connector.run(rows[k : k + 1])[0]
     for k in range(samples):
         plant.state[:] = states[k]
         energy[k] = plant.energy()
