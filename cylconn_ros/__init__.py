@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from cylconn_ros import mechanism as mechanism
     from cylconn_ros import mujoco as mujoco
     from cylconn_ros.connector.connector import Connector
+    from cylconn_ros.connector.feed_forward import feed_forward
     from cylconn_ros.connector.outputs import StepResult
     from cylconn_ros.errors import (
         CylconnError,
@@ -63,6 +64,7 @@ __path__ = pkgutil.extend_path(__path__, __name__)
 
 _MODULES = {
     "connector.connector": ("Connector",),
+    "connector.feed_forward": ("feed_forward",),
     "connector.outputs": ("StepResult",),
     "errors": ("CylconnError", "IdentifyError", "RecordingError", "SceneError", "UnknownNameError"),
     "identification.recording": ("identify",),
@@ -146,6 +148,7 @@ __all__ = [
     "Stops",
     "UnknownNameError",
     "Wrench",
+    "feed_forward",
     "identify",
     "load",
     "read_run",

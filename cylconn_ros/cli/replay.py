@@ -136,7 +136,9 @@ def _process(
                         part.to_record(writer.channels, replay.input_topics, replay.names)
                     )
                 if comparison is not None:
-                    _compare(replay, part, comparison)
+                    for name, topic in replay.names.items():
+                        if topic in comparison.topics:
+                            part.compare(topic, part.rows(name), comparison)
                 continue
             topic, log_time, data, replayed = part
             if writer is not None and (replayed or topic in replay.input_topics):
@@ -147,22 +149,6 @@ def _process(
     finally:
         if writer is not None:
             writer.close()
-
-
-def _compare(replay: Replay, batch: Batch, comparison: Comparison) -> None:
-    """Compare the outputs of a batch with those recorded in it."""
-    for name, topic in replay.names.items():
-        if topic not in comparison.topics:
-            continue
-        outputs, (size, which) = batch.rows(name), batch.recorded(topic)
-        if size == outputs.shape[1]:
-            comparison.both(topic, batch.block.rows(which, size), outputs)
-            continue
-        for k in which.tolist():
-            (message,) = batch.block.messages(k, k + 1)
-            comparison.recorded(topic, message.data)
-        for row in outputs:
-            comparison.replayed(topic, row.tobytes())
 
 
 def _scene(bag: Bag, options: argparse.Namespace, changed: bool = True) -> Scene:

@@ -38,6 +38,14 @@ def feed_forward(
         Rates that the controller wants next, m/s and rad/s.
     share
         Of the friction limit that is given while the joint sticks; below 1 it does not move by it.
+
+    Example::
+
+        import cylconn_ros as cr
+
+        # Slip: the opposite of friction. Stick: 90 % of the limit towards the rate that is wanted
+        print(cr.feed_forward(2, (-3.0, 0.0), 3.0, 0.02))
+        print(cr.feed_forward(1, (-1.0, 0.0), 3.0, 0.02, reference=(0.1, 0.0)))
     """
     if regime == SLIP:
         return -friction[0], -friction[1]

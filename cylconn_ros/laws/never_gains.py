@@ -108,10 +108,13 @@ def gains(block: Block, o: SampleState, s: Step, most_turn: float = MOST_TURN) -
             held_back |= block.elements.compliant & p.imposed
         applies &= ~held_back.any(axis=1)
         beyond = applies & (gain > bound)  # a spring may store more without the wrench
-        none = np.zeros_like(out[:, 0:6])
-        a0 = _path(p, p.a, o.a, load_a, none, beyond)
-        b0 = _path(p, p.b, o.b, load_b, none, beyond)
-        least = np.where(beyond, _springs_and_drives(block, p, o, out, a0.end, b0.end)[0], 0.0)
+        least = np.zeros_like(gain)
+        if beyond.any():
+            none = np.zeros_like(out[:, 0:6])
+            a0 = _path(p, p.a, o.a, load_a, none, beyond)
+            b0 = _path(p, p.b, o.b, load_b, none, beyond)
+            kept = _springs_and_drives(block, p, o, out, a0.end, b0.end)[0]
+            least = np.where(beyond, kept, 0.0)
     if WITHOUT_STOPS:
         applies &= (out[:, layout.STOP] == 0) & (out[:, layout.RESTITUTION] == 0.0)
     return Gains(gain, exchanged, bound, least, applies, far & ~applies)

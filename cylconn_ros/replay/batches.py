@@ -13,6 +13,7 @@ from cylconn_ros.messages import prefix_decoder, statistics
 from cylconn_ros.messages.pipeline import OUTPUTS, MessagePipeline
 from cylconn_ros.recording.mcap.chunk_buffer import MessageArrays
 from cylconn_ros.recording.mcap.message_block import MessageBlock
+from cylconn_ros.replay.compare import Comparison
 from cylconn_ros.scene.inputs import STREAM_NUMBER, STREAMS
 
 MAX_SAMPLES = 2048
@@ -67,6 +68,20 @@ class Batch:
         """(n, bytes) the messages of an output, by its relative name."""
         number = [output for output, _ in OUTPUTS].index(name)
         return self._pipeline.output.rows(number, self.stamps, self.outs)
+
+    def compare(self, topic: str, outputs: NDArray[np.uint8], comparison: Comparison) -> None:
+        """Compare the ``rows`` of an output with the messages recorded on its topic."""
+        if topic not in comparison.topics:
+            return
+        size, which = self.recorded(topic)
+        if size == outputs.shape[1]:
+            comparison.both(topic, self.block.rows(which, size), outputs)
+            return
+        for k in which.tolist():
+            (message,) = self.block.messages(k, k + 1)
+            comparison.recorded(topic, message.data)
+        for row in outputs:
+            comparison.replayed(topic, row.tobytes())
 
     def to_record(
         self, channels: Mapping[str, int], inputs: Collection[str], outputs: Mapping[str, str]

@@ -87,7 +87,10 @@ class ReplayTask:
         digests = _Digests(timing)
         for part in stream:
             if isinstance(part, Batch):
-                _take_batch(members[""], part, comparison, digests)
+                for name, topic in members[""].names.items():
+                    outputs = part.rows(name)
+                    digests.rows(topic, outputs)
+                    part.compare(topic, outputs, comparison)
             else:
                 if part.replayed:
                     digests.add(part.topic, part.data)
@@ -134,24 +137,6 @@ class _Digests:
     def text(self) -> str:
         parts = [f"{name} {self._topics[name].hexdigest()}" for name in sorted(self._topics)]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
-
-
-def _take_batch(replay: Replay, batch: Batch, comparison: Comparison, digests: _Digests) -> None:
-    """Compare the outputs of a batch with those recorded in it, and add them to the digest."""
-    for name, topic in replay.names.items():
-        outputs = batch.rows(name)
-        digests.rows(topic, outputs)
-        if topic not in comparison.topics:
-            continue
-        size, which = batch.recorded(topic)
-        if size == outputs.shape[1]:
-            comparison.both(topic, batch.block.rows(which, size), outputs)
-            continue
-        for k in which.tolist():
-            (message,) = batch.block.messages(k, k + 1)
-            comparison.recorded(topic, message.data)
-        for row in outputs:
-            comparison.replayed(topic, row.tobytes())
 
 
 ESTIMATES = (
