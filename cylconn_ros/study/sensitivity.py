@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 BINS = 20
 _LEAST_ROWS_A_BIN = 5
+_ROUNDING = 1e-12  # standard deviation over greatest value of an output that does not change
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def share(parameter: NDArray[Any], output: Array) -> float:
     """Share of the variance of ``output`` (n,) that ``parameter`` (n,) explains, 0 to 1."""
     n = len(output)
     variance = float(np.var(output)) if n else 0.0
-    if n < 3 or not variance > 0.0:
+    if n < 3 or not variance > (_ROUNDING * float(np.abs(output).max())) ** 2:
         return 0.0
     which = bins_of(parameter)
     counts = np.bincount(which)

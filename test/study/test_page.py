@@ -24,6 +24,7 @@ def test_shares_of_the_variance_are_those_of_the_function() -> None:
     words = np.array(["a", "b"], dtype=object)[(x > 0.5).astype(int)]
     assert share(words, output) == pytest.approx(0.75 * 16.0 / 12.0 / variance, abs=0.02)
     assert share(x, np.full(len(x), 3.0)) == 0.0
+    assert share(x, np.full(len(x), 9.81)) == 0.0  # whose computed variance is rounding
 
 
 @pytest.fixture(scope="module")
