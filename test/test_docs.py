@@ -13,6 +13,7 @@ from paths import ROOT, SOURCE
 
 import cylconn_ros
 from cylconn_ros.cli.main import COMMANDS
+from cylconn_ros.connector.outputs import DERIVED
 
 DOCS = ROOT / "docs"
 PAGES = [
@@ -143,3 +144,20 @@ def test_the_generated_reference_is_complete(site: Path) -> None:
     python = (site / "reference" / "python.html").read_text()
     for public in cylconn_ros.__all__:
         assert f'id="cylconn_ros.{public}"' in python, public
+
+
+def test_the_glossary_has_every_field_of_the_state_and_the_accelerations() -> None:
+    """In the first column of its table, with the unit that the message states."""
+    page = (DOCS / "reference/glossary.md").read_text()
+    rows = [line.split("|") for line in page.splitlines() if line.startswith("| `")]
+    named = {field: row[2] for row in rows for field in re.findall(r"`(\w+)`", row[1])}
+    text = (ROOT / "msg/ConnectorState.msg").read_text()
+    fields = re.findall(
+        r"^(?:float64(?:\[\d\])?|uint8|uint32|string) (\w+)(?!\w*=) *(?:# *(\S*))?", text, re.M
+    )
+    assert len(fields) > 40
+    for field, unit in fields:
+        assert field in named, field
+        if unit in ("m", "rad", "m/s", "rad/s", "J", "s"):
+            assert unit in named[field], field
+    assert set(DERIVED) <= set(named)

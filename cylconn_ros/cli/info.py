@@ -3,8 +3,9 @@
 RUN is a recorded directory (with metadata.yaml) or an .mcap file. One line per quantity draws its
 curve from the smallest to the largest value; violations have a logarithmic scale. --csv and
 --parquet also write a topic as a table, by default the states; its columns have the names of the
-message's fields. The exit code is 1 if the recording is incomplete or a topic has undecodable
-messages.
+message's fields; --acceleration adds the accelerations of slide and spin, the mean over the period
+that begins with each state. The exit code is 1 if the recording is incomplete or a topic has
+undecodable messages.
 
 For example: cylconn info runs/demo_20250101T120000Z/connector --csv states.csv
 
@@ -30,7 +31,7 @@ from cylconn_ros.connector.summary import FIELDS, GREATEST, Reduction, RunSummar
 from cylconn_ros.errors import CommandError, RecordingError
 from cylconn_ros.recording import export
 from cylconn_ros.recording.run import Run, read_run
-from cylconn_ros.recording.table import STAMP
+from cylconn_ros.recording.table import STAMP, Table
 from cylconn_ros.report.sparkline import BLOCKS, PLAIN, regime_strip, sparkline
 
 Array = npt.NDArray[Any]
@@ -47,6 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topic", default="", metavar="NAME", help="topic to write (default: the states)"
     )
+    parser.add_argument(
+        "--acceleration", action="store_true",
+        help="write acceleration and angular_acceleration of slide and spin with the states",
+    )  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -83,16 +88,23 @@ def _export(recorded: Run, options: argparse.Namespace) -> Iterator[str]:
     if not (options.csv or options.parquet):
         if options.topic:
             raise CommandError("--topic names the topic to write: it needs --csv or --parquet")
+        if options.acceleration:
+            raise CommandError("--acceleration adds columns to a table: needs --csv or --parquet")
         return
     topic = recorded.topic(options.topic) if options.topic else recorded.state_topic
     for path, write in ((options.csv, export.write_csv), (options.parquet, export.write_parquet)):
         if path is None:
             continue
-        layout = write(lambda: recorded.read_blocks(topic), path)
+        layout = write(lambda: _blocks(recorded, topic, options.acceleration), path)
         columns = len(layout.kinds())
         yield f"written     {path}  ({layout.rows} rows, {columns} columns of {topic})"
         for name in layout.left_out:
             yield f"left out    {name}: more than {export.LONGEST} values per message"
+
+
+def _blocks(recorded: Run, topic: str, acceleration: bool) -> Iterator[Table]:
+    blocks = recorded.read_blocks(topic)
+    return export.with_acceleration(blocks) if acceleration else blocks
 
 
 def _next(recorded: Run, complete: bool) -> str:

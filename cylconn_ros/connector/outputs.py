@@ -38,6 +38,24 @@ COLUMNS: Final[dict[str, int | slice]] = {
 """Name of each output and its place in an output array: the published wrenches (axes and point as
 ``wrench.axes``, ``wrench.point`` say) and the fields of ConnectorState."""
 
+DERIVED: Final = {"acceleration": "velocity", "angular_acceleration": "angular_velocity"}
+"""Columns of a run that are computed on request, and the fields from whose first component."""
+
+
+def acceleration(step: Array, rate: Array) -> Array:
+    """Mean acceleration of slide or spin over the period that begins with each sample, (N,).
+
+    The forces of a sample act in that period, so that m a is their sum in the same row: exactly if
+    nothing else moves. It is the acceleration in the middle of the period to second order. NaN for
+    the last sample, and where time does not advance.
+
+    step: (N - 1,) s, from each sample to the next.
+    rate: (N,) first component of ``velocity`` (m/s) or ``angular_velocity`` (rad/s).
+    """
+    found = np.full(len(rate), np.nan)
+    np.divide(np.diff(rate), step, out=found[:-1], where=step > 0.0)
+    return found
+
 
 def column(outs: Array, name: str) -> Any:
     """The output ``name`` of (NOUT,) or (N, NOUT): a number, (k,), (N,) or (N, k).

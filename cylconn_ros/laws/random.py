@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.laws import rigid
-from cylconn_ros.scene.elements import SEMI_IMPLICIT
+from cylconn_ros.methods.traits import TRAITS
+from cylconn_ros.scene.elements import FROM_THE_SAMPLE, SEMI_IMPLICIT
 
 Array = NDArray[np.float64]
 Random = np.random.Generator
@@ -36,14 +37,24 @@ def orientation(rng: Random, n: int) -> Array:
 
 
 def soften(values: dict[str, Any]) -> None:
-    """Keep linear springs within what the period carries on a semi-implicit plant."""
+    """Keep linear springs and dampers within what the period carries (scene/elements.py).
+
+    With a method whose elements act with the force of the sample, a fifth is left to them.
+    """
     free = [values[body] for body in ("body_a", "body_b") if values[body]["kind"] == "free"]
-    if not free:
+    sampled = TRAITS[values["method"]].samples_elements
+    if not free or not (sampled or values["plant_integration"] == "semi_implicit"):
         return
     moved = (
         1.0 / sum(1.0 / body["mass"] for body in free),
         1.0 / sum(1.0 / max(body["inertia"][0], body["inertia"][3]) for body in free),
     )
-    for name, most in zip(("k1", "kr1"), moved, strict=True):
-        greatest = 0.9 * SEMI_IMPLICIT * most / values["period"] ** 2
-        values["elasticity"][name] = min(values["elasticity"][name], greatest)
+    h = values["period"]
+    stiff = 0.1 * FROM_THE_SAMPLE if sampled else 0.9 * SEMI_IMPLICIT
+    limits = [("elasticity", ("k1", "kr1"), stiff / h**2)]
+    limits += [("damping", ("c1", "cr1"), 0.05 * FROM_THE_SAMPLE / h)] if sampled else []
+    for group, names, share in limits:
+        given = values.get(group, {})
+        for name, most in zip(names, moved, strict=True):
+            if name in given:
+                given[name] = min(given[name], share * most)

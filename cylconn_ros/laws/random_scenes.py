@@ -24,9 +24,7 @@ from cylconn_ros.scene.scene import Scene
 Array = NDArray[np.float64]
 LONGEST_ARM = 1e4
 LEAST_CHANGING_OVERLAP = 1e-4  # m: that of a shorter one is less than the rounding of positions
-FROM_THE_SAMPLE = (
-    -0.35
-)  # decades over m/h^2 and m/h that methods carry whose forces are of the sample
+SAMPLED = -0.9  # decades over m/h^2 and m/h of each element whose force is that of the sample
 FAMILIES = ("wide", "sliding", "roots", "wide", "roots", "sliding", "jam", "roots", "turning")
 KINDS = (
     ("free", "free"),
@@ -88,8 +86,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
         values["limits"] = {"force": weight * decades(rng, -2.0, 3.0)}
         if rng.random() < 0.5:
             values["limits"]["torque"] = weight * arm * decades(rng, -2.0, 3.0)
-    if "elasticity" in values and values["plant_integration"] == "semi_implicit":
-        soften(values)
+    soften(values)
     more = generator(seed, number, 1)
     if more.random() < 0.5:
         values["node_b"]["orientation"] = _list(orientation(more, 1)[0])
@@ -103,7 +100,7 @@ def scene(seed: int, number: int, method: str = "impulse") -> Scene:
     if values["friction"].get("overlap", 0.0) > LEAST_CHANGING_OVERLAP:
         values["friction"] |= _overlap(generator(seed, number, 2), values["friction"]["overlap"])
     _details(generator(seed, number, 3), values, weight)
-    most = 0.5 if TRAITS[method].has_limits else FROM_THE_SAMPLE
+    most = SAMPLED if TRAITS[method].samples_elements else 0.5
     _elements(generator(seed, number, 4), values, mass, inertia, most)
     return Scene.from_parameters(values)
 

@@ -23,6 +23,8 @@ class MethodTraits(NamedTuple):
         exact_stick: stick has no creep and no elastic slip: s = 0 at the end of the step.
         second_order: converges with second order, so that ``cylconn simulate`` checks its runs
             against the reference solutions of the bundled scenes.
+        samples_elements: springs, dampers and compliant stops act with the force of the sample,
+            which bounds their stiffness and damping (scene/elements.py).
         couples: connectors with this method can share bodies (methods/coupled/step.py).
     """
 
@@ -36,6 +38,7 @@ class MethodTraits(NamedTuple):
     limits_drives: bool = True
     exact_stick: bool = False
     second_order: bool = False
+    samples_elements: bool = False
     couples: bool = False
 
 
@@ -63,16 +66,19 @@ TRAITS: Final[dict[str, MethodTraits]] = {
         needs_inertia=True,
         has_limits=False,
         limits_drives=False,
+        samples_elements=True,
     ),
     "augmented_lagrangian": MethodTraits(
         number=2,
         summary="springs, dampers and a multiplier: stick is elastic",
         uses_gains=True,
+        samples_elements=True,
     ),
     "penalty": MethodTraits(
         number=1,
         summary="springs and dampers: deflects by load/stiffness, stick is elastic",
         uses_gains=True,
+        samples_elements=True,
     ),
     "observe": MethodTraits(
         number=5,

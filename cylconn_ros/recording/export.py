@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from cylconn_ros.connector.outputs import DERIVED, acceleration
 from cylconn_ros.errors import RecordingError
 from cylconn_ros.recording.table import STAMP, Table
 
@@ -87,6 +88,33 @@ def layout_of(blocks: Iterable[Table]) -> Layout:
     for block in blocks:
         layout.add(block)
     return layout
+
+
+def with_acceleration(blocks: Iterable[Table]) -> Iterator[Table]:
+    """Yield blocks of states with the columns of connector.outputs.DERIVED.
+
+    The last sample of a block needs the first of the next one.
+    """
+    held: Table | None = None
+    for block in blocks:
+        if len(block):
+            if held is not None:
+                yield _accelerated(held, block)
+            held = block
+    if held is not None:
+        yield _accelerated(held, None)
+
+
+def _accelerated(block: Table, after: Table | None) -> Table:
+    both = [block] if after is None else [block, after]
+    stamp = np.concatenate([part.stamp for part in both])[: len(block) + 1]
+    columns = dict(block.columns)
+    for name, of in DERIVED.items():
+        if of not in columns:
+            raise RecordingError(f"{block.topic}: has no {of}, so that it has no {name}")
+        rate = np.concatenate([part[of][:, 0] for part in both])[: len(block) + 1]
+        columns[name] = acceleration(np.diff(stamp) * 1e-9, rate)[: len(block)]
+    return replace(block, columns=columns)
 
 
 def to_dataframe(table: Table) -> pandas.DataFrame:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cylconn_ros.connector.outputs import DERIVED, acceleration
 from cylconn_ros.errors import RecordingError, UnknownNameError
 
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -42,7 +43,14 @@ class Table:
         return len(self.log_time)
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        """Return the column of a field; raise UnknownFieldError if there is none."""
+        """Return the column of a field; raise UnknownFieldError if there is none.
+
+        States also have ``acceleration`` and ``angular_acceleration``
+        (:func:`~cylconn_ros.connector.outputs.acceleration`).
+        """
+        if name in DERIVED and DERIVED[name] in self.columns and name not in self.columns:
+            step = np.diff(self.stamp) * 1e-9
+            return acceleration(step, self.columns[DERIVED[name]][:, 0])
         try:
             return self.columns[name]
         except KeyError:

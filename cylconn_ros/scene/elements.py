@@ -17,10 +17,13 @@ from cylconn_ros.scene.fields import SceneFields
 from cylconn_ros.scene.schema import show
 
 # What a period h carries, as multiples of m/h^2 and m/h, m the mass that slides. Solved steps keep
-# the energy of a spring at any stiffness; beyond 10 they skip most of what the spring does. Methods
-# that take the force from the sample are stable up to 4 and 2.
+# the energy of a spring at any stiffness; beyond 10 they skip most of what the spring does.
 SOLVED = (10.0, 20.0)
-FROM_THE_SAMPLE = (2.0, 1.0)
+# Methods that take the force from the sample are stable for k h^2/m + 2 c h/m < 4, k and c the sums
+# over all springs and dampers of the component, on both plants (Jury's criterion for the held force
+# of methods/sampled_elements.py). Half of it is allowed: reactions that follow the force late, by
+# friction or by arms of elastic constraints, make the body lighter.
+FROM_THE_SAMPLE = 2.0
 # A plant that takes positions from the new velocities loses a linear spring beyond this multiple of
 # m/h^2: each step turns it over and adds energy.
 SEMI_IMPLICIT = 4.0
@@ -41,6 +44,11 @@ class Table(NamedTuple):
         """Slopes between the points."""
         pairs = itertools.pairwise(zip(self.points, self.values, strict=True))
         return [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairs]
+
+    @property
+    def steepest(self) -> float:
+        """Greatest slope; 0 without points."""
+        return max(map(abs, self.slopes), default=0.0)
 
 
 def _tables(scene: SceneFields, group: str, slide: str, spin: str) -> tuple[Table, Table]:
@@ -181,51 +189,105 @@ def _check_period(scene: SceneFields) -> None:
     """What the period carries; unknown masses are not checked, nor methods without a period."""
     method = "impulse" if scene.method == "auto" else scene.method
     unknown = "unknown" in (scene.body_a.kind, scene.body_b.kind)
-    if unknown or scene.period == 0.0 or method not in ("impulse", "baumgarte"):
+    sampled = TRAITS[method].samples_elements
+    if unknown or scene.period == 0.0 or not (sampled or method == "impulse"):
         return
-    stiff, damp = SOLVED if TRAITS[method].has_limits else FROM_THE_SAMPLE
-    stops = scene.stops
-    given = [
-        (0, "stops.stiffness", compliant_stops(stops, 0).stiffness, stiff, 2),
-        (0, "stops.damping", compliant_stops(stops, 0).damping, damp, 1),
-        (1, "stops.rotational_stiffness", compliant_stops(stops, 1).stiffness, stiff, 2),
-        (1, "stops.rotational_damping", compliant_stops(stops, 1).damping, damp, 1),
-    ]
-    for order, share, tables in ((2, stiff, spring_tables(scene)), (1, damp, damper_tables(scene))):
-        for k, t in enumerate(tables):
-            name = f"{t.group}.{t.values_name}"
-            given.append((k, name, max(map(abs, t.slopes), default=0.0), share, order))
-    if scene.plant_integration == "semi_implicit":
-        springs = (scene.elasticity.k1, scene.elasticity.kr1)
-        for k, (name, value) in enumerate(zip(("k1", "kr1"), springs, strict=True)):
-            given.append((k, f"elasticity.{name}", value, SEMI_IMPLICIT, 2))
-    for k, name, value, share, order in given:
-        mass = _moved(scene, k)
-        most = share * mass / scene.period**order
-        if value > most:
-            unit = (("N/m", "N.s/m"), ("N.m/rad", "N.m.s/rad"))[k][2 - order]
-            what = "stiffness" if order == 2 else "damping"
-            moved = "mass that slides" if k == 0 else "inertia that turns"
-            raise SceneError(
-                f"{name}: a {what} of {value:g} {unit} is more than the period carries: must be at "
-                f"most {most:g} {unit}, {share:g} times the {moved} ({mass:g}) over the period "
-                f"({show(scene.period)} s){' squared' if order == 2 else ''} with the method "
-                f"{method}{_on_the_plant(share)}; give a shorter period or a softer element"
-            )
+    if sampled:
+        for k in (0, 1):
+            _check_sampled(scene, method, k)
+        return
+    stiff, damp = SOLVED
+    for k in (0, 1):
+        mass = moved(scene, k)
+        given = [(e, stiff if e.order == 2 else damp) for e in _nonlinear(scene, k)]
+        if scene.plant_integration == "semi_implicit":
+            given.append((_linear(scene, k)[0], SEMI_IMPLICIT))
+        for element, share in given:
+            most = share * mass / scene.period**element.order
+            if element.value > most:
+                what = "mass that slides" if k == 0 else "inertia that turns"
+                square = " squared" if element.order == 2 else ""
+                raise SceneError(
+                    f"{_too_much(element, k)}: must be at most {most:g} {_unit(element, k)}, "
+                    f"{share:g} times the {what} ({mass:g}) over the period "
+                    f"({show(scene.period)} s){square} with the method {method}"
+                    f"{_on_the_plant(share)}; give a shorter period or a softer element"
+                )
+
+
+def _check_sampled(scene: SceneFields, method: str, k: int) -> None:
+    """Springs and dampers of slide (k = 0) or spin (1) whose forces are those of the sample."""
+    mass, h = moved(scene, k), scene.period
+    given = [(e, e.value * h**e.order / mass) for e in (*_linear(scene, k), *_nonlinear(scene, k))]
+    shares = [x if e.order == 2 else 2.0 * x for e, x in given]
+    if sum(shares) <= FROM_THE_SAMPLE * (1.0 + 1e-12):
+        return
+    worst = max(range(len(given)), key=shares.__getitem__)
+    element = given[worst][0]
+    left = FROM_THE_SAMPLE - (sum(shares) - shares[worst])
+    most = max(left, 0.0) * element.value / shares[worst]
+    beside = " beside the other springs and dampers" if left < FROM_THE_SAMPLE else ""
+    raise SceneError(
+        f"{_too_much(element, k)}: must be at most {most:g} {_unit(element, k)}{beside} with the "
+        f"method {method}, so that k h^2/m + 2 c h/m <= {FROM_THE_SAMPLE:g} "
+        f"({'m' if k == 0 else 'inertia m'} {mass:g}, period h {show(h)} s); "
+        "give a shorter period or a softer element, or use impulse"
+    )
+
+
+class _Element(NamedTuple):
+    """Greatest stiffness (order 2) or damping (order 1) that a parameter gives."""
+
+    name: str
+    value: float
+    order: int
+
+
+def _linear(scene: SceneFields, k: int) -> tuple[_Element, _Element]:
+    spring, damper = (("k1", "c1"), ("kr1", "cr1"))[k]
+    return (
+        _Element(f"elasticity.{spring}", getattr(scene.elasticity, spring), 2),
+        _Element(f"damping.{damper}", getattr(scene.damping, damper), 1),
+    )
+
+
+def _nonlinear(scene: SceneFields, k: int) -> tuple[_Element, ...]:
+    stop, prefix = compliant_stops(scene.stops, k), ("", "rotational_")[k]
+    spring, damper = spring_tables(scene)[k], damper_tables(scene)[k]
+    return (
+        _Element(f"stops.{prefix}stiffness", stop.stiffness, 2),
+        _Element(f"stops.{prefix}damping", stop.damping, 1),
+        _Element(f"{spring.group}.{spring.values_name}", spring.steepest, 2),
+        _Element(f"{damper.group}.{damper.values_name}", damper.steepest, 1),
+    )
+
+
+def _unit(element: _Element, k: int) -> str:
+    return (("N/m", "N.s/m"), ("N.m/rad", "N.m.s/rad"))[k][2 - element.order]
+
+
+def _too_much(element: _Element, k: int) -> str:
+    what = "stiffness" if element.order == 2 else "damping"
+    return (
+        f"{element.name}: a {what} of {element.value:g} {_unit(element, k)} is more than the "
+        "period carries"
+    )
 
 
 def _on_the_plant(share: float) -> str:
     return " and plant_integration semi_implicit" if share == SEMI_IMPLICIT else ""
 
 
-def _moved(scene: SceneFields, k: int) -> float:
+def moved(scene: SceneFields, k: int) -> float:
     """Mass (k = 0) or inertia (1) that the component moves, from above."""
-    inverse = 0.0
-    nodes = (scene.node_a.position, scene.node_b.position)
-    for body, node in zip(scene.bodies, nodes, strict=True):
-        if body.kind == "free":
-            inverse += 1.0 / (body.mass if k == 0 else _greatest_inertia(body, node))
-    return 1.0 / inverse
+    free = [n for n, body in enumerate(scene.bodies) if body.kind == "free"]
+    return 1.0 / sum(1.0 / inertia_of(scene, n, k) for n in free)
+
+
+def inertia_of(scene: SceneFields, n: int, k: int) -> float:
+    """Mass (k = 0) of body A (n = 0) or B, or its greatest inertia about its node (1)."""
+    body, node = scene.bodies[n], (scene.node_a, scene.node_b)[n].position
+    return body.mass if k == 0 else _greatest_inertia(body, node)
 
 
 def _greatest_inertia(body: Body, node: tuple[float, ...]) -> float:

@@ -10,8 +10,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+import numpy as np
+
 from cylconn_ros.errors import SceneError
 from cylconn_ros.methods.traits import AUTO, TRAITS
+from cylconn_ros.scene.elements import SEMI_IMPLICIT, inertia_of
 from cylconn_ros.scene.fields import SceneFields, schema
 from cylconn_ros.scene.schema import Value, show
 
@@ -116,3 +119,38 @@ def _solvable(
         for parameter, rules in schema().items():
             if rules.shared == "coupled":
                 _same(values, (names[0], 0), (name, 0), parameter, why)
+    _check_springs({name: scenes[name] for name in names})
+
+
+def _check_springs(scenes: Mapping[str, SceneFields]) -> None:
+    """Raise SceneError if linear springs on shared bodies are together too stiff.
+
+    As scene/elements.py for one connector: on a semi-implicit plant K h^2 G <= 4 for the greatest
+    eigenvalue, K the stiffnesses and G the inverse inertia that the components share, for axes that
+    are parallel.
+    """
+    first = next(iter(scenes.values()))
+    if first.plant_integration != "semi_implicit" or first.period == 0.0:
+        return
+    names = list(scenes)
+    for k, spring in enumerate(("k1", "kr1")):
+        stiff = np.array([getattr(scene.elasticity, spring) for scene in scenes.values()])
+        shared_inverse = np.zeros((len(names), len(names)))
+        for i, one in enumerate(scenes.values()):
+            for j, other in enumerate(scenes.values()):
+                shared_inverse[i, j] = sum(
+                    1.0 / max(inertia_of(one, m, k), inertia_of(other, n, k))
+                    for m, body in enumerate(one.bodies)
+                    for n, same in enumerate(other.bodies)
+                    if body.kind == "free" and body.frame == same.frame
+                )
+        root = np.sqrt(stiff)
+        found = np.linalg.eigvalsh(root[:, None] * shared_inverse * root)[-1] * first.period**2
+        if found > SEMI_IMPLICIT * (1.0 + 1e-12):
+            stiffest = names[int(np.argmax(stiff))]
+            raise SceneError(
+                f"{stiffest}.elasticity.{spring} = {show(float(stiff.max()))}: the springs of "
+                f"{', '.join(names)}, which share bodies, are more than the period carries with "
+                f"plant_integration semi_implicit: must be at most {SEMI_IMPLICIT / found:.3g} of "
+                "their stiffness; give a shorter period or softer springs"
+            )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.connector.outputs import COLUMNS, ENUMS, column
+from cylconn_ros.connector.outputs import COLUMNS, DERIVED, ENUMS, acceleration, column
 from cylconn_ros.core import layout
 from cylconn_ros.errors import CylconnError, UnknownNameError
 from cylconn_ros.scene.scene import Scene
@@ -58,8 +58,8 @@ class Run:
     """A simulated motion: N samples, one period apart.
 
     ``run["displacement"]`` gives a column by name: a field of ConnectorState, a published wrench
-    (``force_b``, ``torque_b``), ``pose_a`` to ``twist_b``, ``energy`` or ``time``. ``run.names``
-    lists them.
+    (``force_b``, ``torque_b``), ``pose_a`` to ``twist_b``, ``energy``, ``acceleration``,
+    ``angular_acceleration`` or ``time``. ``run.names`` lists them.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Run:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns."""
-        return ("time", *MOTION, *COLUMNS, "energy")
+        return ("time", *MOTION, *COLUMNS, "energy", *DERIVED)
 
     def __repr__(self) -> str:
         """Number of samples and their time."""
@@ -107,6 +107,8 @@ class Run:
             return found
         if name in MOTION:
             return self.states[:, MOTION[name]]
+        if name in DERIVED:
+            return acceleration(np.diff(self.time), column(self.outs, DERIVED[name])[:, 0])
         if name not in COLUMNS:
             raise UnknownNameError(name, self.names)
         found = column(self.outs, name)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.connector import enums
-from cylconn_ros.connector.outputs import COLUMNS, ENUMS
+from cylconn_ros.connector.outputs import COLUMNS, DERIVED, ENUMS, acceleration
 from cylconn_ros.connector.summary import FIELDS, Reduction
 from cylconn_ros.core import layout
 from cylconn_ros.errors import StudyError
@@ -62,6 +62,8 @@ class _Reduced:
         self.time_of_max = math.nan
 
     def add(self, time: Array, values: Array) -> None:
+        if not len(values):
+            return
         if not self.count:
             self.start = float(values[0])
         self.end = float(values[-1])
@@ -83,8 +85,8 @@ REDUCTIONS: Final[Mapping[str, Callable[[_Reduced], float]]] = {
     "max": lambda r: r.max,
     "maxabs": lambda r: r.maxabs,
     "range": lambda r: r.max - r.min,
-    "mean": lambda r: r.sum / r.count,
-    "rms": lambda r: math.sqrt(r.squares / r.count),
+    "mean": lambda r: r.sum / r.count if r.count else math.nan,
+    "rms": lambda r: math.sqrt(r.squares / r.count) if r.count else math.nan,
     "time_of_max": lambda r: r.time_of_max,
 }
 """Reductions of a column by name."""
@@ -126,10 +128,15 @@ class Outputs:
         """Values by column of a run whose blocks (simulation/closed_loop.py) come in order."""
         reduced = {(o.source, o.index): _Reduced() for o in self._reduced.values()}
         named = _Named() if self._named else None
+        before: tuple[float, Array] | None = None  # last time and outputs of the block before
         for block in blocks:
             for (source, index), one in reduced.items():
+                if source == "rates":
+                    one.add(*_accelerations(block, index, before))
+                    continue
                 values = getattr(block, source)
                 one.add(block.time, values if values.ndim == 1 else values[:, index])
+            before = float(block.time[-1]), block.outs[-1].copy()
             if named is not None:
                 named.add(block)
         found: dict[str, Any] = {
@@ -142,18 +149,33 @@ class Outputs:
         return {name: found[name] for name in self.types}
 
 
+def _accelerations(
+    block: Block, index: int, before: tuple[float, Array] | None
+) -> tuple[Array, Array]:
+    """Times and mean accelerations of the periods that end within a block."""
+    time, rate = block.time, block.outs[:, index]
+    if before is not None:
+        time = np.concatenate(([before[0]], time))
+        rate = np.concatenate(([before[1][index]], rate))
+    return time[:-1], acceleration(np.diff(time), rate)[:-1]
+
+
 def _columns(text: str) -> list[tuple[str, _Output]]:
     """Column names and reductions of ``FIELD.REDUCTION``."""
     field, dot, reduction = text.rpartition(".")
     name, component = split(field)
-    if not dot or reduction not in REDUCTIONS or name not in (*COLUMNS, *MOTION, "energy"):
-        fields = ", ".join(("energy", *MOTION, *COLUMNS))
+    known = ("energy", *MOTION, *COLUMNS, *DERIVED)
+    if not dot or reduction not in REDUCTIONS or name not in known:
+        fields = ", ".join(known)
         raise StudyError(
             f"output {text}: must be one of {', '.join(NAMED)}, or FIELD.REDUCTION with a "
             f"reduction {', '.join(REDUCTIONS)} and a field {fields}"
         )
     if name == "energy":
         source, indices = "energy", [0]
+    elif name in DERIVED:
+        of = COLUMNS[DERIVED[name]]
+        source, indices = "rates", [of.start if isinstance(of, slice) else of]
     elif name in MOTION:
         source, indices = "states", list(range(MOTION[name].start, MOTION[name].stop))
     else:

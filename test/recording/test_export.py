@@ -129,3 +129,23 @@ def test_a_missing_library_is_named_with_the_remedy(
         joints.to_dataframe("/joints")
     with pytest.raises(RecordingError, match="pip install pyarrow"):
         export.write_parquet(lambda: joints.read_blocks("/joints"), tmp_path / "x.parquet")
+
+
+def test_accelerations_are_written_on_request(
+    demo_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The columns are those of the state table, across the blocks of the file."""
+    target = tmp_path / "s.csv"
+    assert main(["info", str(demo_recording), "--acceleration", "--csv", str(target)]) == 0
+    capsys.readouterr()
+    head, *rows = csv.reader(target.read_text().splitlines())
+    state = read_run(demo_recording).state
+    speed, step = state["velocity"][:, 0], np.diff(state.stamp) * 1e-9
+    written = np.array([float(row[head.index("acceleration")]) for row in rows])
+    np.testing.assert_allclose(written[:-1], np.diff(speed) / step, rtol=1e-12, atol=1e-12)
+    assert np.isnan(written[-1])
+    np.testing.assert_array_equal(written, state["acceleration"])
+    assert "angular_acceleration" in head
+    assert "acceleration" not in export.layout_of([state]).kinds()
+    assert main(["info", str(demo_recording), "--acceleration"]) == 2
+    assert "needs --csv or --parquet" in capsys.readouterr().err

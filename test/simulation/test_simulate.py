@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scenes import sleeve
 
 import cylconn_ros as cr
 from cylconn_ros.core import layout
@@ -63,6 +64,35 @@ def test_columns_by_name(scene: cr.Scene) -> None:
         run["dispalcement"]
     with pytest.raises(KeyError):
         run["x"]
+
+
+def test_acceleration_is_that_of_the_forces_of_the_same_row() -> None:
+    """M a = f1 + load and I a = m1, row by row, for a sleeve on a fixed shaft."""
+    inertia = [0.002, 0.0, 0.0, 0.004, 0.0, 0.004]
+    scene = sleeve(
+        mass=2.0, inertia=inertia, v=0.5, spin=3.0, gravity=[-1.5, 0.0, -9.81],
+        elasticity={"k1": 80.0}, damping={"cr1": 1e-4},
+        friction={"coefficient": 0.1, "radius": 0.02},
+    )  # fmt: skip
+    run = cr.simulate(scene, duration=0.3)
+    along = run["force"][:, 0] - 2.0 * 1.5
+    np.testing.assert_allclose(2.0 * run["acceleration"][:-1], along[:-1], atol=1e-9)
+    np.testing.assert_allclose(0.002 * run["angular_acceleration"][:-1], run["moment"][:-1, 0],
+                               atol=1e-9)  # fmt: skip
+    assert np.isnan(run["acceleration"][-1])
+
+
+def test_acceleration_in_the_middle_of_the_period_is_second_order() -> None:
+    """An oscillator, u1 = (v/w) sin(w t): a = -v w sin(w (t + h/2))."""
+    omega, errors = 20.0, []
+    for h in (4e-3, 2e-3, 1e-3):
+        scene = sleeve(mass=2.0, v=1.0, period=h, gravity=[0.0] * 3,
+                       elasticity={"k1": 2.0 * omega**2})  # fmt: skip
+        run = cr.simulate(scene, duration=0.4)
+        exact = -omega * np.sin(omega * (run.time + 0.5 * h))
+        errors.append(np.abs(run["acceleration"] - exact)[:-1].max())
+    assert np.log2(errors[0] / errors[1]) > 1.9
+    assert np.log2(errors[1] / errors[2]) > 1.9
 
 
 def test_progress_ends_with_everything_done(scene: cr.Scene) -> None:

@@ -67,6 +67,23 @@ def test_a_vector_is_a_column_a_component() -> None:
     assert list(Outputs(["offset.end", "jam"]).types) == ["offset[0].end", "offset[1].end", "jam"]
 
 
+def test_accelerations_go_on_from_block_to_block(run: cr.Run) -> None:
+    """The last sample has none: its period is not part of the run."""
+    names = [f"{f}.{r}" for f in ("acceleration", "angular_acceleration") for r in REDUCTIONS]
+    found = Outputs(names).reduce(simulate_blocks(run.scene, DURATION))
+    for field in ("acceleration", "angular_acceleration"):
+        values = run[field][:-1]
+        assert found[f"{field}.start"] == values[0]
+        assert found[f"{field}.end"] == values[-1]
+        assert found[f"{field}.maxabs"] == np.abs(values).max()
+        assert found[f"{field}.time_of_max"] == run.time[np.argmax(values)]
+        assert found[f"{field}.mean"] == pytest.approx(values.mean(), rel=1e-9, abs=1e-12)
+    alone = Outputs(["acceleration.max", "acceleration.mean"]).reduce(
+        simulate_blocks(run.scene, 0.0)
+    )
+    assert math.isnan(alone["acceleration.mean"])
+
+
 @pytest.mark.parametrize("name", ["jamm", "displacement", "displacement.last", "x.end"])
 def test_a_name_that_does_not_exist(name: str) -> None:
     with pytest.raises(StudyError, match=f"output {name}: must be one of stop_time, jam, "):
