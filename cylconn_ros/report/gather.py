@@ -15,6 +15,7 @@ from cylconn_ros.recording.run import Run
 from cylconn_ros.recording.table import STAMP
 from cylconn_ros.recording.unstamped import preload_topic
 from cylconn_ros.report.panels import States
+from cylconn_ros.report.stored import stored_energy
 from cylconn_ros.scene.inputs import INPUTS
 
 Array = npt.NDArray[Any]
@@ -101,6 +102,7 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> RunData
     stamp = stamp[rows]
     radius = _number(run, "friction.radius")
     preload = math.nan if preload_topic(run) else _number(run, "friction.preload")
+    stored = stored_energy(run.parameters)
     # of recordings from before these fields, when they could not change
     unrecorded = {"overlap": _number(run, "friction.overlap", 0.0), "contact_centre": 0.0}
 
@@ -115,7 +117,7 @@ def gather(run: Run, start: float = -math.inf, end: float = math.inf) -> RunData
                 for name, value in unrecorded.items():
                     if fields is None or name in fields:
                         columns.setdefault(name, np.full(len(inside), value))
-                yield States(columns, radius, preload)
+                yield States(columns, radius, preload, stored)
 
     def geometry_at(which: Array) -> Geometry:
         return _geometry(run, radius, stamp[which])

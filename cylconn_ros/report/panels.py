@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cylconn_ros.report.stored import Stored
+
 Array = npt.NDArray[Any]
 
 
@@ -20,11 +22,19 @@ class States:
     fields: Mapping[str, Array]  # of ConnectorState, (n,) or (n, k)
     radius: float = math.nan  # R, m; NaN: friction is not modelled
     preload: float = math.nan  # FCint, N; NaN: unknown
+    stored: Stored | None = None  # energy of springs and compliant stops; None: there are none
 
     def __call__(self, name: str, component: int | None = None) -> Array:
         """Return a field, or one component of it, as floats (n,)."""
         values = np.asarray(self.fields[name], dtype=np.float64)
         return values if component is None else values[:, component]
+
+    @property
+    def stored_energy(self) -> Array:
+        """Energy (n,) in springs and compliant stops, J."""
+        if self.stored is None:
+            return np.zeros(len(self("length")))
+        return self.stored(self.fields)
 
     @property
     def preload_force(self) -> Array:
@@ -97,7 +107,8 @@ def _contributions(kind: str, total: str) -> tuple[Curve, ...]:
 
 
 TURN = 2.0 * math.pi
-ROUNDING = 1e-12  # in the unit of a plot: smaller values are rounding errors
+ROUNDING = 1e-12
+"""Values up to this, in the unit of a plot or beside the greatest force or moment, are rounding."""
 
 PANELS = (
     Panel("slide", "Slide u₁", "m", (Curve("u₁", "blue", _field("displacement"), always=True),)),
@@ -195,6 +206,13 @@ PANELS = (
         log=True,
     ),
     Panel(
+        "stored",
+        "Energy in springs and compliant stops",
+        "J",
+        (Curve("stored", "green", lambda s: s.stored_energy, "area"),),
+        zero=True,
+    ),
+    Panel(
         "energy",
         "Energy through the connector",
         "J",
@@ -226,6 +244,7 @@ def visible_panels(
     has_data: Callable[[Curve], bool],
     is_zero: Callable[[Curve, float], bool],
     constant: Collection[str],
+    greatest: Mapping[str, float],
 ) -> tuple[list[Panel], list[str]]:
     """Return the panels with their non-zero curves, and the titles of the panels that are all zero.
 
@@ -234,18 +253,23 @@ def visible_panels(
         has_data: whether a curve has finite values and is to be drawn beside others.
         is_zero: whether a curve is within a magnitude throughout; a panel of such curves is
             omitted. On logarithmic scales that is 0, else ROUNDING.
+        greatest: greatest magnitude by unit, of forces and moments.
         constant: panels of values that are constant: they are among the parameters, and omitted.
     """
     panels, empty = [], []
     for panel in PANELS:
         if panel.key == ("rate" if math.isfinite(radius) else ""):
             continue  # the slip velocity shows the spin
-        curves = tuple(curve for curve in panel.curves if has_data(curve))
+        least = 0.0 if panel.log else ROUNDING * max(1.0, greatest.get(panel.unit, 0.0))
+        curves = tuple(
+            curve
+            for curve in panel.curves
+            if has_data(curve) and (curve.always or not is_zero(curve, least))
+        )
         if panel.key in constant:
             continue
         if panel.key == "speed" and len(curves) == 1:
             panel = replace(panel, title="Velocity along the slot")
-        least = 0.0 if panel.log else ROUNDING
         if [curve.label for curve in curves] == ["total"] or all(is_zero(c, least) for c in curves):
             curves = ()
         if curves:

@@ -82,7 +82,7 @@ def build_payload(found: RunData, buckets: int = BUCKETS) -> tuple[dict[str, Any
         fields = len(reduced.not_finite)
         found.notes.append(f"Fields with values that are not finite (drawn blank): {fields}.")
     panels, empty = visible_panels(
-        found.radius, reduced.has_data, reduced.is_zero, reduced.constant
+        found.radius, reduced.has_data, reduced.is_zero, reduced.constant, reduced.greatest
     )
     head = {
         "samples": count,
@@ -151,6 +151,19 @@ class _Reduction:
             if len(values):
                 self._range[name] = min(low, float(values.min())), max(high, float(values.max()))
         self._at += count
+
+    @property
+    def greatest(self) -> dict[str, float]:
+        """Greatest finite magnitude of forces and moments, by the unit of their panels."""
+        found = {"N": 0.0, "N m": 0.0}
+        for panel in PANELS:
+            if panel.unit in found:
+                for curve in panel.curves:
+                    extremes = self.curves[curve, False]
+                    for values in (extremes.low, extremes.high):
+                        finite = np.abs(values[np.isfinite(values)])
+                        found[panel.unit] = max(found[panel.unit], float(finite.max(initial=0.0)))
+        return found
 
     @property
     def constant(self) -> set[str]:
