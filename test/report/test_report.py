@@ -336,6 +336,21 @@ def test_panels_that_are_zero_throughout_are_left_out_and_named() -> None:
     assert len(shown["speed"]["curves"]) == 2  # zero beside a rate that is not
 
 
+def test_forces_that_are_rounding_beside_others_are_left_out() -> None:
+    """1e-10 N across the slot beside 1000 N along it; the other curve of the panel stays."""
+    found = noise_data(100)
+    (states,) = found.read_states(None)
+    fields = states.fields
+    fields["force"][:, 0] = 1e3
+    fields["force"][:, 1], fields["force"][:, 2] = 1e-10, 5.0
+    head, _ = payload.build_payload(found)
+    (across,) = (panel for panel in head["panels"] if panel["key"] == "across")
+    assert [curve["label"] for curve in across["curves"]] == ["f₃"]
+    fields["force"][:, 2] = -1e-10
+    head, _ = payload.build_payload(found)
+    assert "Force across the slot" in head["empty"]
+
+
 def test_texts_of_a_run_are_escaped() -> None:
     head, numbers = payload.build_payload(noise_data(20))
     evil = "</script><img src=x onerror=alert(1)>%%numbers%%"

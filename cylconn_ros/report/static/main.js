@@ -96,7 +96,7 @@ function build(run) {
       + `trajectories show ${run.path.time.length.toLocaleString("en")} of the samples, including their extremes. `
       + "For every sample of a range: cylconn report --from and --to.");
   }
-  if (run.empty.length) note(`All zero (or rounding errors, below 1e−12), not shown: ${run.empty.join(", ")}.`);
+  if (run.empty.length) note(`All zero (or rounding errors: below 1e−12, or 1e−12 of the greatest force or moment), not shown: ${run.empty.join(", ")}.`);
   const all = [...charts, ...sideViews];
   addPointerControls(charts[0].parts, link);
   legend(link);
