@@ -95,8 +95,4 @@ class PeriodInUse:
 
     def of(self, sample: Array, h: float) -> float:
         """The period (s) of the next sample, ``h`` s after the last one; 0 for the first."""
-        memory = self._memory
-        memory[model.LAST_PERIOD] = h
-        used = float(step_period(memory, sample, h, self._declared))
-        memory[model.LAST_SAMPLE : model.LAST_SAMPLE_END] = sample
-        return used
+        return float(step_period(self._memory, sample, h, self._declared))

@@ -44,6 +44,8 @@ _IN_USE: Final = model.PERIOD_IN_USE
 _AGREED: Final = model.PERIOD_IN_USE + 1  # whether an interval has agreed with the period in use
 _SEEN: Final = model.PERIOD_IN_USE + 2  # s, an interval that differs from it
 _TIMES: Final = model.PERIOD_IN_USE + 3  # such intervals in succession that the motion confirms
+_STORED: Final = model.PERIOD_IN_USE + 4  # whether SAMPLE_BEFORE is the last sample
+_NMOTION: Final = layout.A_LOAD  # poses and twists of both bodies
 
 
 @inline_function
@@ -63,13 +65,25 @@ def period_in_use(mem: Array, sample: Array, h: float, declared: float) -> float
     """
     if declared == 0.0:
         return h
-    if h <= 0.0 or agree(h, declared):
-        if mem[_IN_USE] != 0.0 and h > 0.0:
-            mem[_IN_USE] = 0.0
-        mem[_TIMES] = 0.0
-        mem[_AGREED] = 1.0 if h > 0.0 else mem[_AGREED]
+    if h > 0.0 and agree(h, declared):
+        mem[_IN_USE] = mem[_TIMES] = mem[_STORED] = 0.0
+        mem[_AGREED] = 1.0
         return declared
-    return _contradicted(mem, sample, h, declared)
+    if h <= 0.0:
+        mem[_TIMES] = 0.0
+        _store(mem, sample)
+        return mem[_IN_USE] if mem[_IN_USE] != 0.0 else declared
+    used = _contradicted(mem, sample, h, declared)
+    _store(mem, sample)
+    return used
+
+
+@device_function
+def _store(mem: Array, sample: Array) -> None:
+    """Store the motion, which the next one is compared with if its interval is contradicted."""
+    for k in range(_NMOTION):
+        mem[model.SAMPLE_BEFORE + k] = sample[k]
+    mem[_STORED] = 1.0
 
 
 @device_function
@@ -96,9 +110,9 @@ def _contradicted(mem: Array, sample: Array, h: float, declared: float) -> float
 @device_function
 def _confirms(mem: Array, sample: Array, h: float, other: float) -> int:
     """1 if the motion since the last sample took ``h``, -1 if ``other``, 0 if neither is clear."""
-    if mem[model.LAST_PERIOD] <= 0.0:
+    if mem[_STORED] == 0.0:
         return 0
-    last = mem[model.LAST_SAMPLE : model.LAST_SAMPLE + layout.NSAMPLE]
+    last = mem[model.SAMPLE_BEFORE : model.SAMPLE_BEFORE + _NMOTION]
     by_h = by_other = 0.0
     for at in (layout.A_POSE, layout.B_POSE):
         by_h += _misfit(last, sample, at, h)

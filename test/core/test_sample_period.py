@@ -75,11 +75,12 @@ def test_a_wrong_period_is_replaced(name: str, ratio: float, integration: str) -
     assert np.abs(apart[[*range(3), *range(13, 16)]]).max() < 2e-5  # m
 
 
-@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian", "baumgarte"])
-def test_every_method_takes_the_period_in_use(method: str) -> None:
+@pytest.mark.parametrize("latency", [-1, 0])
+@pytest.mark.parametrize("method", ["impulse", "penalty", "augmented_lagrangian", "baumgarte"])
+def test_every_method_takes_the_period_in_use(method: str, latency: int) -> None:
     stiffness = 0.05 * 2.0 / 1e-3**2  # 0.05 m/h^2 of the true period
     penalty = Penalty(stiffness=stiffness, damping=300.0)
-    scene = dataclasses.replace(scene_of("demo", method=method), penalty=penalty)
+    scene = dataclasses.replace(scene_of("demo", method=method), penalty=penalty, latency=latency)
     right, wrong = Loop(scene, 1.0), Loop(scene, 3.0)
     right.run(150)
     wrong.run(150)
