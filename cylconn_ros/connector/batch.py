@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.jit import device_function, kernel
+from cylconn_ros.core.sample_period import period_in_use
 from cylconn_ros.methods import dispatch
 
 Array = NDArray[np.float64]
@@ -31,10 +32,24 @@ def process(
     Args:
         handle: of the method's step function (methods/dispatch.py).
         h: s since the previous sample, 0: one period. period: s, the scene's, 0 if it has none.
+            The motion decides where the two contradict each other (core/sample_period.py).
     """
+    return dispatch.step(handle, par, mem, sample, take_period(mem, sample, h, period), out)
+
+
+@device_function
+def take_period(mem: Array, sample: Array, h: float, period: float) -> float:
+    """The period of the coming step, s; ``h`` and ``period`` as for :func:`process`."""
+    used = period_in_use(mem, sample, h, period)
     if h > 0.0 and mem[model.LAST_PERIOD] > 0.0:
         mem[model.LAST_PERIOD] = h
-    return dispatch.step(handle, par, mem, sample, period if period != 0.0 else h, out)
+    return used
+
+
+@kernel
+def step_period(mem: Array, sample: Array, h: float, period: float) -> float:
+    """As :func:`take_period`, called from Python."""
+    return take_period(mem, sample, h, period)
 
 
 @kernel
@@ -69,3 +84,15 @@ def run(
     """
     for k in range(samples.shape[0]):
         process(handle, par, mem, samples[k], since[k], period, outs[k])
+
+
+class PeriodInUse:
+    """The periods for which the wrenches of given samples are computed, without computing them."""
+
+    def __init__(self, declared: float) -> None:
+        """``declared``: s, the scene's period, 0 if the stamps are to give it."""
+        self._declared, self._memory = declared, np.zeros(model.NMEM)
+
+    def of(self, sample: Array, h: float) -> float:
+        """The period (s) of the next sample, ``h`` s after the last one; 0 for the first."""
+        return float(step_period(self._memory, sample, h, self._declared))

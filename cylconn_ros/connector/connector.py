@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 _IN_FLIGHT = (
     slice(model.SENT_WRENCHES, model.LEAST_BALANCE),
     slice(model.REFUTED, model.CONTRARY + 1),
+    slice(model.PERIOD_IN_USE, model.PERIOD_IN_USE + 4),
 )
-"""Memory of the wrenches that have been sent and not acted yet, and of the estimated latency."""
+"""Memory of the wrenches that have not acted yet, the estimated latency and the period in use."""
 _INPUTS = (
     ("pose_a", layout.A_POSE, 7),
     ("twist_a", layout.A_TWIST, 6),
@@ -310,11 +311,17 @@ class Connector:
             self._types_known = COMPILED
         return out
 
-    def step_period(self, h: float) -> float:
-        """The period of the coming step, ``h`` s after the previous sample (0: one period)."""
-        if h > 0.0 and self._mem[model.LAST_PERIOD] > 0.0:
-            self._mem[model.LAST_PERIOD] = h
-        return self._period or h
+    def step_period(self, sample: Array, h: float) -> float:
+        """The period of the coming step, ``h`` s after the previous sample (0: one period).
+
+        For a group, which takes one for all. ``sample``: (NSAMPLE,) the new sample.
+        """
+        return float(batch.step_period(self._mem, sample, h, self._period))
+
+    @property
+    def period(self) -> float:
+        """The period in use, s: the scene's, or the interval of the samples that refutes it."""
+        return float(self._mem[model.PERIOD_IN_USE]) or self._period
 
     def run(
         self, samples: ArrayLike, since: ArrayLike | None = None, outs: Array | None = None

@@ -7,6 +7,7 @@ drives of all connectors as one problem.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,7 @@ class Group:
         if len(self.connectors) == 1:
             self.connectors[0].step(samples[0], h, outs[0])
             return outs
-        h = min(connector.step_period(h) for connector in self.connectors)  # the same for all
+        h = min(map(Connector.step_period, self.connectors, samples, repeat(h)))  # the same for all
         status = coupled.step_group(
             self._par, self._mem, samples, h, outs, self._constants, self._work, self._report
         )

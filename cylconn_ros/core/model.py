@@ -150,7 +150,10 @@ PASSIVITY_CONTROLLER: Final = CONTRARY + 1  # 8 x 20: of offsets, swings, slide,
 #                             oscillations of both offsets, swings (methods/passivity_controller.py)
 END_RATES: Final = PASSIVITY_CONTROLLER + 160  # 2: rates at the end of the step about which tables
 #                             and compliant stops are linearised (free_axes/elements.py)
-NMEM: Final = END_RATES + 2
+PERIOD_IN_USE: Final = END_RATES + 2  # 5: the period that replaces the declared one, and what is
+#                             known of it (core/sample_period.py)
+SAMPLE_BEFORE: Final = PERIOD_IN_USE + 5  # 26: motion of the last sample, to be compared with it
+NMEM: Final = SAMPLE_BEFORE + 26
 
 
 class Output(NamedTuple):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector.batch import PeriodInUse
 from cylconn_ros.connector.over_time import OverTime
 from cylconn_ros.core import layout
 from cylconn_ros.errors import RecordingError
@@ -324,8 +325,10 @@ def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
     known, skipped = False, 0
     exchanged = 0.0
     history = 0
+    period = PeriodInUse(scene.period)
     for stamp, h, restarted, sample in synchronized_samples(run, scene):
         history += restarted
+        used = period.of(sample, h)
         out = outputs.pop((history, stamp), None)
         if out is None or out[layout.STATUS] != layout.OK:
             continue
@@ -340,8 +343,8 @@ def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
         samples.append(sample)
         stamps.append(stamp)
         outs.append(out)
-        periods.append(scene.period or h)
-        since.append(h or periods[-1])
+        periods.append(used)
+        since.append(h or used)
         begins.append(new)
     refused = sum(out[layout.STATUS] != layout.OK for out in outputs.values())
     skipped += len(outputs) - int(refused)

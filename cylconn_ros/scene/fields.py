@@ -51,7 +51,8 @@ class SceneFields:
         unit="s",
         restarts=True,
         shared="coupled",
-        doc="Sample period h; 0: from the stamps.",
+        doc="Sample period h; 0: from the stamps. The interval of the samples replaces a period "
+        "that the motion contradicts.",
     )
     method: str = parameter(
         "auto",

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 
 from cylconn_ros.connector import enums
+from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.enums import named
 from cylconn_ros.messages.health import Health
 from cylconn_ros.messages.pipeline import MessagePipeline
@@ -19,7 +20,6 @@ from cylconn_ros.ros.connector.problems import (
     WARN,
     Problem,
     latency_problem,
-    latency_values,
     sample_problems,
     solution_problems,
     timeout_text,
@@ -164,7 +164,7 @@ class Monitor:
             "method": connector.method,
             "model": connector.model,
             "regime": regime,
-            **latency_values(connector),
+            **_latency_values(connector),
             "saturated": health.saturated,
             "worst residual": f"{health.worst_residual:.3g}",
             "worst offset violation [m]": f"{health.worst_offset:.3g}",
@@ -262,3 +262,16 @@ class Monitor:
         texts = [problem.text for problem in present if problem.level >= least]
         message = "; ".join(texts if level != OK else [fine, *texts])
         return self._encoders[part].encode(level, message, values)
+
+
+def _latency_values(connector: Connector) -> dict[str, str]:
+    """The declared and the measured latency, for diagnostics."""
+    measured, declared = connector.measured_latency, connector.scene.latency
+    unknown = measured is None
+    return {
+        "latency [samples]": f"{declared:d}" if declared >= 0 else "measured",
+        "measured latency [samples]": "unknown" if unknown else f"{measured:.2f}",
+        "spread of the latency [samples]": (
+            "unknown" if unknown else f"{connector.latency_spread:.2f}"
+        ),
+    }

@@ -38,7 +38,6 @@ _WHOLE, _STEADY = 0.15, 0.25  # samples: of a latency from a whole number, and i
 _EVEN = 0.01  # of the period: differences of stamps within it are even
 _UNEVEN_STAMPS = "uneven stamps"
 _EXPLAINED = 0.25  # relative difference of motions that uneven stamps explain
-_UNKNOWN = "unknown"
 TIMEOUT = "timeout"  # key of the problem that the watchdog logs itself, each time
 _ZERO = "commanding zero wrench"
 
@@ -75,11 +74,7 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         text = "no time step between samples yet (period = 0.0: taken from the stamps)"
         yield Problem(WARN, "no period", text)
     if is_new("off period", health.off_period):
-        text = (
-            f"stamps are {health.seen_period:g} s apart, period is {scene.period:g} s; "
-            "set period to the spacing of the stamps, or to 0.0 to take it from them"
-        )
-        yield Problem(WARN, "off period", text)
+        yield Problem(WARN, "off period", _off_period_text(pipeline, health.seen_period))
     if is_new("late", counts.late):
         text = "messages older than the last sample arrive late, ignored; publish them in order"
         yield Problem(WARN, "late", text)
@@ -93,6 +88,18 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         seen = pipeline.matcher.unknown_frame
         text = unknown_frame_text(pipeline.scene, seen) if seen is not None else ""
         yield Problem(WARN, text.partition(";")[0], text)
+
+
+def _off_period_text(pipeline: MessagePipeline, seen: float) -> str:
+    """Warning about stamps that are ``seen`` s apart, not a period; which of the two is used."""
+    declared, used = pipeline.scene.period, pipeline.connector.period
+    text = f"stamps are {seen:g} s apart, period is {declared:g} s"
+    if used != declared:
+        return (
+            f"{text}, which the motion contradicts: wrenches are computed for {used:.4g} s; "
+            f"set period: {used:.4g}, or 0.0 to take it from the stamps"
+        )
+    return f"{text}; set period to the spacing of the stamps, or to 0.0 to take it from them"
 
 
 def _load_problems(pipeline: MessagePipeline, is_new: IsNew) -> Iterator[Problem]:
@@ -232,19 +239,6 @@ def solution_problems(
         yield Problem(WARN, "saturated", text)
 
 
-def latency_values(connector: Connector) -> dict[str, str]:
-    """The declared and the measured latency, for diagnostics."""
-    measured, declared = connector.measured_latency, connector.scene.latency
-    unknown = measured is None
-    return {
-        "latency [samples]": f"{declared:d}" if declared >= 0 else "measured",
-        "measured latency [samples]": _UNKNOWN if unknown else f"{measured:.2f}",
-        "spread of the latency [samples]": (
-            _UNKNOWN if unknown else f"{connector.latency_spread:.2f}"
-        ),
-    }
-
-
 def _blocked_drives(connector: Connector, health: Health) -> Iterator[Problem]:
     """Components with an imposed motion that a stop or a lock holds."""
     scene, par = connector.scene, connector.par
@@ -297,7 +291,7 @@ def latency_problem(connector: Connector, before: float | None) -> Iterator[Prob
     reported yet.
     """
     latency, spread, period = (
-        connector.measured_latency, connector.latency_spread, connector.scene.period,
+        connector.measured_latency, connector.latency_spread, connector.period,
     )  # fmt: skip
     declared = connector.scene.latency
     expected = max(declared, 0)
@@ -336,7 +330,7 @@ def _contradictions(connector: Connector, uneven: bool) -> Iterator[Problem]:
     """
     scene, memory = connector.scene, connector.memory
     interval = float(memory[model.STAMP_PERIOD])
-    stretch = interval / scene.period if uneven and scene.period else 1.0
+    stretch = interval / connector.period if uneven and scene.period else 1.0
     for body in _moving(scene):
         at = model.CONTRADICTION + 3 * body
         by_poses, by_twists, product = memory[at : at + 3]
