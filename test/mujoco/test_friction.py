@@ -259,7 +259,7 @@ def test_the_constraint_solver_gives_the_compiled_steps_equations(integrator: st
     for by_runs in (False, True):
         friction = cr.mujoco.Friction(model, data, slide="slide", hinge="hinge", scene=FRICTION)
         if by_runs:
-            friction._arguments = friction._response.damping = None
+            friction._addresses = friction._arguments = friction._response.damping = None
         data.qfrc_applied[:] = 0.0
         friction.apply()
         assert (friction.runs > 0) == (by_runs or integrator in ("implicit", "discrete"))
