@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from cylconn_ros.scene.bodies import Body, Node, PlantBody, PlantSettings, Reference
     from cylconn_ros.scene.outputs import (
         Access,
+        FeedForward,
         JointNames,
         Limits,
         QualityOfService,
@@ -91,6 +92,7 @@ _MODULES = {
     ),
     "scene.outputs": (
         "Access",
+        "FeedForward",
         "JointNames",
         "Wrench",
         "Limits",
@@ -123,6 +125,7 @@ __all__ = [
     "DamperTable",
     "Damping",
     "Elasticity",
+    "FeedForward",
     "Friction",
     "FrictionTable",
     "IdentifyError",

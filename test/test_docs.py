@@ -144,6 +144,8 @@ def test_the_generated_reference_is_complete(site: Path) -> None:
     python = (site / "reference" / "python.html").read_text()
     for public in cylconn_ros.__all__:
         assert f'id="cylconn_ros.{public}"' in python, public
+    for name in ("mujoco.Friction", "mujoco.bound_unyielding", "mechanism.Friction"):
+        assert f'id="cylconn_ros.{name}"' in python, name
 
 
 def test_the_glossary_has_every_field_of_the_state_and_the_accelerations() -> None:

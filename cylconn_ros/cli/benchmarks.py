@@ -51,6 +51,13 @@ def _kernel() -> Benchmark:
     )
 
 
+def _mechanism() -> Benchmark:
+    """Cost of cr.mujoco.Friction in a MuJoCo loop over mj_step, on ten joints."""
+    from cylconn_ros.bench.step_cost import mechanism
+
+    return Benchmark([("friction inside a mechanism", mechanism.measure)])
+
+
 def _orders() -> Benchmark:
     """Orders of convergence and costs of every method on a set of scenes."""
     from cylconn_ros.bench.convergence import orders
@@ -205,6 +212,7 @@ def _identification() -> Benchmark:
 
 BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "kernel": _kernel,
+    "mechanism": _mechanism,
     "orders": _orders,
     "precision": _precision,
     "model": _model,

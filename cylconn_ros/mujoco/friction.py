@@ -14,6 +14,7 @@ from cylconn_ros.core import model as memory_layout
 from cylconn_ros.importing.model_file import mujoco_module
 from cylconn_ros.mechanism import step
 from cylconn_ros.mechanism.parameters import mechanism_scene
+from cylconn_ros.mujoco import direct
 from cylconn_ros.mujoco import joint_equations as equations
 from cylconn_ros.mujoco.joint_of_model import check_no_double, joint_of
 from cylconn_ros.mujoco.response import Response
@@ -53,7 +54,7 @@ class Friction:
     ----------
         scene: the scene in use. forces: (f1, m1) of the last step. left_out: forces of the model
         that the reactions do not contain, in words. runs: of the constraint solver in the last
-        step; 0: no constraint was active. time: s, of the state from which the last step began.
+        step; 0: no constraint was active.
 
     Raises ModelError and SceneError that name the joint or parameter and the rule.
 
@@ -86,16 +87,24 @@ class Friction:
         self._response = Response(self._mujoco, model, data, joint)
         self._dofs = [int(d) for d in joint.index[equations.DOFS : equations.DOFS + 2] if d >= 0]
         self._sent = np.full(4, np.nan)  # our share of qfrc_applied, and what that had with it
-        self.runs, self.time = 0, 0.0
+        self.runs = 0
+        self._time: float | None = 0.0  # None: that of the step which ended at data.time
         self._numbers = self._response.numbers
         self._option = model.opt
         mujoco = self._mujoco
         self._actuate, self._accelerate = mujoco.mj_fwdActuation, mujoco.mj_fwdAcceleration
-        self._react = mujoco.mj_rnePostConstraint
+        self._react, self._step1 = mujoco.mj_rnePostConstraint, mujoco.mj_step1
         self._solve_compiled: Any = equations.solve_unconstrained
         self._state: Any
         self._arguments: Any
         self._state, self._arguments = self._views()
+        self._addresses: Any = None
+        if self._arguments is not None:
+            subtree = int(joint.index[equations.SUBTREE])
+            arguments = (*self._state, *self._arguments)
+            self._kept_arrays = direct.arrays_of(model, data, subtree, arguments)
+            self._addresses = direct.addresses(mujoco, model, data, self._kept_arrays)
+        self._finish: Any = direct.finish
 
     def _views(self) -> tuple[tuple[Any, ...], tuple[Any, ...] | None]:
         """Arguments of the compiled step: views of MuJoCo's arrays, which stay where they are.
@@ -124,6 +133,13 @@ class Friction:
         """f1 (N) and m1 (N.m) of the last step, on body B along and about the axis."""
         return float(self._out[layout.FORCE]), float(self._out[layout.MOMENT])
 
+    @property
+    def time(self) -> float:
+        """Time of the state from which the last step began, s."""
+        if self._time is None:
+            return float(self._data.time - self._option.timestep)
+        return self._time
+
     def reset(self) -> None:
         """Forget the history, after a jump of the state such as mj_resetData."""
         self._mem[:] = 0.0
@@ -140,9 +156,15 @@ class Friction:
 
     def step(self) -> None:
         """One step of the model with friction, in place of ``mujoco.mj_step``."""
-        self._mujoco.mj_step1(self._model, self._data)
+        data = self._data
+        self._step1(self._model, data)
+        if self._addresses is not None and data.nefc == 0:
+            self._time, self.runs = None, 0
+            option = self._option
+            self._finish(self._addresses, option.timestep, option.disableflags, True)
+            return
         self._solve()
-        self._mujoco.mj_step2(self._model, self._data)
+        self._mujoco.mj_step2(self._model, data)
 
     def apply(self) -> None:
         """Put the force of the coming step into ``data.qfrc_applied``; mj_step has to follow.
@@ -160,7 +182,12 @@ class Friction:
     def _solve(self) -> None:
         """Solve the coming step and put its forces in the place of the last step's."""
         data = self._data
-        self.time = data.time
+        self._time = data.time
+        if self._addresses is not None and data.nefc == 0:
+            option = self._option
+            self._finish(self._addresses, option.timestep, option.disableflags, False)
+            self.runs = 0
+            return
         self._actuate(self._model, data)
         if self._arguments is not None and data.nefc == 0:
             self._accelerate(self._model, data)

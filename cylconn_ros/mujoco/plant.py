@@ -21,6 +21,7 @@ from cylconn_ros.importing.model_file import (
 )
 from cylconn_ros.mujoco.floating import exclude_contacts, float_body
 from cylconn_ros.mujoco.loads import ModelLoads
+from cylconn_ros.mujoco.unyielding import bound_unyielding
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -82,6 +83,7 @@ class MujocoPlant:
         self.model = compile_spec(spec, path)
         if scene.constraint == "simulator":
             self._strip(names)
+        bound_unyielding(self.model)
         self.model.opt.gravity[:] = scene.gravity
         substeps = max(1, round(scene.period / self.model.opt.timestep))
         self._substeps = substeps

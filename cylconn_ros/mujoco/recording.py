@@ -36,7 +36,10 @@ class Recorded(Protocol):
 
     scene: Scene
     joint: Joint
-    time: float
+
+    @property
+    def time(self) -> float:
+        """Time of the state from which the last step began, s."""
 
     @property
     def result(self) -> StepResult:

@@ -25,7 +25,15 @@ from cylconn_ros.scene.behaviour import (
 )
 from cylconn_ros.scene.bodies import Body, Node, PlantSettings, Reference
 from cylconn_ros.scene.inputs import MODES
-from cylconn_ros.scene.outputs import Access, JointNames, Limits, QualityOfService, Record, Wrench
+from cylconn_ros.scene.outputs import (
+    Access,
+    FeedForward,
+    JointNames,
+    Limits,
+    QualityOfService,
+    Record,
+    Wrench,
+)
 from cylconn_ros.scene.schema import Parameter, Value, describe, group, parameter
 
 
@@ -153,6 +161,7 @@ class SceneFields:
     record: Record = group(Record)
     access: Access = group(Access)
     joint_names: JointNames = group(JointNames)
+    feed_forward: FeedForward = group(FeedForward)
     markers: bool = parameter(
         False, read_only=True, doc="Publish ~/markers: shaft, sleeve and force, for RViz."
     )

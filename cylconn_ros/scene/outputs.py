@@ -70,6 +70,31 @@ class JointNames:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class FeedForward:
+    """The effort that a controller adds so that friction does not act on its axis.
+
+    Example::
+
+        scene = scene.replace({"feed_forward": {"enabled": True, "share": 0.8}})
+    """
+
+    enabled: bool = parameter(
+        False,
+        read_only=True,
+        doc="Publish ~/feed_forward: while the joint slips the opposite of friction, while it "
+        "sticks a share of the break-away force towards the velocity on ~/reference.",
+    )
+    share: float = parameter(
+        0.9,
+        ge=0.0,
+        le=1.0,
+        unit="1",
+        doc="Share of the friction limit that is published while the joint sticks; below 1 the "
+        "joint does not move by it.",
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class QualityOfService:
     """Quality of service of the node's inputs.
 

@@ -259,7 +259,7 @@ def test_the_constraint_solver_gives_the_compiled_steps_equations(integrator: st
     for by_runs in (False, True):
         friction = cr.mujoco.Friction(model, data, slide="slide", hinge="hinge", scene=FRICTION)
         if by_runs:
-            friction._arguments = friction._response.damping = None
+            friction._addresses = friction._arguments = friction._response.damping = None
         data.qfrc_applied[:] = 0.0
         friction.apply()
         assert (friction.runs > 0) == (by_runs or integrator in ("implicit", "discrete"))
@@ -360,3 +360,60 @@ def test_the_example_model_jams_off_the_middle() -> None:
             friction.step()
         assert (data.qvel[0] > 0.5) == moves
         assert (friction.result.regime == "stick") == (not moves)
+
+
+ROBOT = """<mujoco><option timestep="0.001"/><default><geom contype="0"/></default>
+  <worldbody><body><joint type="hinge" axis="0 1 0"/>
+  <geom size="0.05" mass="1"/><body pos="0.2 0 0"><joint name="lift" type="slide" axis="0 0 1"/>
+  <geom size="0.04" mass="0.6" pos="0 0.05 0"/><body pos="0.1 0 0" euler="0 30 10">
+  <joint name="slide" type="slide" axis="1 0 0"/><joint name="hinge" type="hinge" axis="1 0 0"/>
+  <geom type="box" size="0.1 0.05 0.03" pos="0.05 0.01 0.02" mass="0.8"/>
+  <body name="tip" pos="0.2 0 0"><joint type="ball"/><geom size="0.02" mass="0.1" pos="0.05 0 0"/>
+  </body></body></body></body><body pos="1 0 0"><freejoint/><geom size="0.1" mass="1"/></body>
+  </worldbody><actuator><motor joint="lift"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("case", ["plain", "weightless", "a force on the tip", "apply"])
+def test_the_call_by_addresses_is_the_step_by_calls_from_python(case: str) -> None:
+    """Reactions by own recursion over ancestors and subtree against mj_rnePostConstraint."""
+    runs = []
+    for directly in (True, False):
+        model, data = loaded(ROBOT)
+        friction: Any = cr.mujoco.Friction(
+            model, data, slide="slide", hinge="hinge",
+            scene=cr.Friction(coefficient=0.3, radius=0.02, overlap=0.1),
+        )  # fmt: skip
+        assert friction._addresses is not None
+        if not directly:
+            friction._addresses = None
+        data.qvel[:] = np.linspace(-2.0, 3.0, model.nv)
+        data.ctrl[0] = 12.0
+        if case == "weightless":
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        if case == "a force on the tip":
+            data.xfrc_applied[model.body("tip").id] = 1.0, -2.0, 3.0, 0.1, 0.2, -0.1
+        outs = []
+        for _ in range(200):
+            if case == "apply":
+                friction.apply()
+                assert friction.time == data.time
+                mujoco.mj_step(model, data)
+            else:
+                friction.step()
+                assert friction.time == pytest.approx(data.time - 0.001, abs=1e-12)
+            assert friction.runs == 0  # no constraint was active
+            outs.append([*friction.result.array[: layout.REGIME], *data.qpos, *data.qvel])
+        runs.append(np.array(outs))
+    scale = np.abs(runs[1]).max(axis=0) + 1e-3
+    assert np.abs((runs[0] - runs[1]) / scale).max() < 1e-10
+
+
+def test_a_model_with_functions_of_the_user_is_stepped_from_python() -> None:
+    """Their exceptions could not pass through compiled code."""
+    model, data = loaded(ROBOT.replace("<motor", '<general gaintype="user"'))
+    friction: Any = cr.mujoco.Friction(
+        model, data, slide="slide", scene=cr.Friction(coefficient=0.3, radius=0.02, overlap=0.1)
+    )
+    assert friction._addresses is None
+    friction.step()
+    assert np.isfinite(friction.forces).all()

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from paths import ROOT
@@ -138,3 +139,33 @@ def test_a_motion_is_linear_between_its_rows_and_held_beyond(tmp_path: Path) -> 
     motion = Motion(path)
     assert [motion.at(t)["a"] for t in (0.0, 1.25, 9.0)] == [0.0, 2.5, 10.0]
     assert motion.at(1.5)["b"] == 5.0
+
+
+PRESSED = """<mujoco><worldbody><geom type="box" size="1 0.1 1" pos="0 0.14 0"/>
+<body name="b"><joint name="joint" type="{kind}" axis="1 0 0"/>
+<geom type="box" size="0.1 0.05 0.05" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_a_contact_to_which_no_joint_yields_has_the_force_of_a_free_body(tmp_path: Path) -> None:
+    """A box 10 mm inside a wall beside it, on a hinge through its mass centre: not 2e17 N.
+
+    Four contacts with four rows: each a_ref/R, with a_ref = depth/(d time^2), R = (1-d)/d 4/m.
+    """
+    loads = []
+    for kind in ("slide", "hinge"):
+        path = tmp_path / f"{kind}.xml"
+        path.write_text(PRESSED.format(kind=kind))
+        scene = scene_of(path, "joint", constraint="simulator", **{"body_a.frame": "base"})
+        loads.append(MujocoPlant(scene, path, ["joint"]).load(1))
+    depth, d, time = 0.01, 0.95, 0.02  # MuJoCo's solimp and solref
+    force = 16.0 * depth / (d * time * time) * d / (1.0 - d) / 4.0
+    for load in loads:
+        assert load == pytest.approx([0.0, -force, 0.0, 0.0, 0.0, 0.0], rel=1e-6, abs=1e-6)
+
+
+def test_bodies_that_yield_and_fixed_ones_keep_their_inverse_mass(tmp_path: Path) -> None:
+    plain = mujoco.MjModel.from_xml_path(str(ARM))
+    model = mujoco.MjModel.from_xml_path(str(ARM))
+    assert cr.mujoco.bound_unyielding(model) == ["drawer"]  # does not turn
+    changed = np.argwhere(model.body_invweight0 != plain.body_invweight0)
+    assert changed.tolist() == [[plain.body("drawer").id, 1]]

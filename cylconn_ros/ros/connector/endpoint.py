@@ -83,7 +83,8 @@ class ConnectorEndpoint:
         self._processed_at = 0.0  # s, steady clock
         self._load_wait = LoadWait()
         self._incomplete, self._watchdog = IncompleteSamples(), Watchdog()
-        self._drawing = scene().markers or scene().tf  # fixed when the node starts
+        one = scene()  # fixed when the node starts
+        self._requested = one.markers or one.tf or one.feed_forward.enabled
         self.history = 0
         self.remembered = 0
         own_name = node.get_fully_qualified_name().strip("/")
@@ -221,8 +222,8 @@ class ConnectorEndpoint:
         self._processed_at = time.monotonic()
         self.history += samples
         self.remembered += samples
-        if self._drawing and self.pipeline is not None:
-            self.topics.draw(stamp, self.pipeline)
+        if self._requested and self.pipeline is not None:
+            self.topics.publish_requested(stamp, self.pipeline)
 
     def record(self, outputs: Response) -> None:
         """Record the outputs of a sample, after the message that completed it."""
@@ -264,6 +265,7 @@ class ConnectorEndpoint:
             outputs = None if self.pipeline is None else self.pipeline.zero()
             if outputs is not None:
                 self.topics.publish(outputs)
+                self.topics.end_feed_forward(outputs.stamp)
                 self.record(outputs)
 
     def report(self, recorder: Recorder | None) -> list[EncodedStatus]:

@@ -30,6 +30,7 @@ from cylconn_ros.ros.connector.markers import (
 )
 from cylconn_ros.ros.executor import rcl
 from cylconn_ros.ros.executor.executor import InputSubscription, Receive
+from cylconn_ros.ros.feed_forward import FeedForward
 from cylconn_ros.ros.message_types import message_class
 from cylconn_ros.scene.inputs import BODIES, LOAD, STREAM_NUMBER
 from cylconn_ros.scene.scene import Scene
@@ -64,6 +65,7 @@ class Topics:
         self.transforms: Transforms | None = None  # None: it broadcasts none
         self._transform_publisher: Any = None
         self._markers: Markers | None = None
+        self._feed_forward: FeedForward | None = None
         self._drawn = 0.0
 
     def open_outputs(self, scene: Scene) -> None:
@@ -91,6 +93,8 @@ class Topics:
             self._marker_publisher = self._node.create_lifecycle_publisher(
                 MarkerArray, topic_names.topic(self._connector, "~/markers"), 10
             )
+        if scene.feed_forward.enabled:
+            self._feed_forward = FeedForward(self._node, self._connector, scene)
         if self.transforms is not None:
             self._transform_publisher = self._node.create_lifecycle_publisher(
                 message_class(TF_TYPE), TF_TOPIC, TF_PROFILE
@@ -101,6 +105,9 @@ class Topics:
         for publisher in (*self._publishers, self._marker_publisher, self._transform_publisher):
             if publisher is not None:
                 self._node.destroy_lifecycle_publisher(publisher)
+        if self._feed_forward is not None:
+            self._feed_forward.close()
+            self._feed_forward = None
         self._publishers.clear()
         self._send.clear()
         self._count_subscribers.clear()
@@ -179,20 +186,30 @@ class Topics:
         topic = self.resolved(f"{BODIES[body]}/{LOAD.topic}")
         return IF_REGULAR if self._node.count_publishers(topic) else NO
 
-    def draw(self, stamp: int, pipeline: MessagePipeline) -> None:
-        """Publish markers and transforms, at most RATE times per second."""
-        if time.monotonic() - self._drawn < 1.0 / RATE:
-            return
-        self._drawn = time.monotonic()
-        sample = pipeline.matcher.sample
+    def publish_requested(self, stamp: int, pipeline: MessagePipeline) -> None:
+        """Publish what the scene requests beside the outputs.
+
+        The feed-forward effort for each call, markers and transforms at most RATE times per second.
+        """
         try:
+            if self._feed_forward is not None:
+                self._feed_forward.publish(stamp, pipeline.out, pipeline.scene)
+            if time.monotonic() - self._drawn < 1.0 / RATE:
+                return
+            self._drawn = time.monotonic()
+            sample = pipeline.matcher.sample
             if self._markers is not None:
                 self._marker_publisher.publish(self._markers.draw(stamp, sample, pipeline.out))
             if self.transforms is not None:
                 self._transform_publisher.publish(self.transforms.message(stamp, sample))
         except Exception as error:
             self._status.unpublished += 1
-            self._status.unpublished_reason = f"markers or transforms: {error}"
+            self._status.unpublished_reason = f"markers, transforms or feed_forward: {error}"
+
+    def end_feed_forward(self, stamp: int) -> None:
+        """Publish a feed-forward effort of zero, with a zero wrench."""
+        if self._feed_forward is not None:
+            self._feed_forward.publish_zero(stamp)
 
     def outgoing(self, outputs: Response) -> Iterator[tuple[str, bytes]]:
         """Resolved topic and serialized message of every output of a sample."""
