@@ -80,6 +80,7 @@ class Connector:
                 f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
             )
         self._step = STEPS[self.method]
+        self._loaded: Any = None
         self._par: Array = pack(scene)
         if check_latency and scene.latency >= 0 and latency_is_measurable(scene):
             self._par[model.LATENCY_CHECKED] = 1.0
@@ -179,7 +180,9 @@ class Connector:
     @property
     def _handle(self) -> Any:
         """Handle of the step function; compiles it at the first use."""
-        return self._step.handle
+        if self._loaded is None:
+            self._loaded = self._step.handle
+        return self._loaded
 
     @property
     def par(self) -> Array:
@@ -298,11 +301,12 @@ class Connector:
             out = np.empty(layout.NOUT)
         if not self._types_known:
             sample, h, out = _checked(sample, h, out)
+        handle = self._loaded or self._handle
         try:
-            status = batch.step(self._handle, self._par, self._mem, sample, h, self._period, out)
+            status = batch.step(handle, self._par, self._mem, sample, h, self._period, out)
         except TypeError:  # a type for which nothing is compiled
             sample, h, out = _checked(sample, h, out)
-            status = batch.step(self._handle, self._par, self._mem, sample, h, self._period, out)
+            status = batch.step(handle, self._par, self._mem, sample, h, self._period, out)
         if status == batch.WRONG_SHAPE:
             _checked(sample, h, out)
         if not self._types_known:

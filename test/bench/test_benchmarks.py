@@ -30,7 +30,7 @@ from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.convergence import orders
 from cylconn_ros.bench.convergence.cases import convergence_cases
 from cylconn_ros.bench.nodes import measure
-from cylconn_ros.bench.step_cost import kernel, startup, worker
+from cylconn_ros.bench.step_cost import kernel, loop, startup, worker
 from cylconn_ros.cli import main
 from cylconn_ros.cli.benchmarks import BENCHMARKS, Benchmark
 from cylconn_ros.process.child import module_command, private_environment
@@ -181,6 +181,16 @@ def test_quick_kernel_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert m["value"] > 0.0
         assert m["low"] <= m["value"] <= m["high"]
         assert m["count"] == QUICK.rounds
+    for name in (kernel.SHAFT, kernel.PAIR):
+        case = f"{loop.LOOP}, {name}"
+        times = {k: measured[case, k, STEP]["value"] for k in (loop.LOOP, loop.CONNECTOR)}
+        assert times[loop.LOOP] > times[loop.CONNECTOR] > 0.0
+        assert measured[case, loop.ROLLOUT, STEP]["settings"]["frictionloss"] > 0.0
+        over_rollout = measured[case, loop.LOOP, loop.OVER_ROLLOUT]["value"]
+        assert over_rollout == pytest.approx(
+            times[loop.LOOP] / measured[case, loop.ROLLOUT, STEP]["value"], rel=0.5
+        )
+        assert measured[case, loop.THREADS, loop.OVER_ONE]["value"] > 0.0
     assert measured[startup.CASE, startup.WARM, startup.WALL]["value"] > 0.0
     assert data["targets"]
     assert not [one for one in data["not_measured"] if one["status"] == "failed"]

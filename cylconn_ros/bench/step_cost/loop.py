@@ -7,6 +7,7 @@ bodies and joint on one thread, which stores its states, and with itself on two 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable
@@ -37,7 +38,7 @@ from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.closed_loop import ClosedLoop
 from cylconn_ros.simulation.plant import Plant
 
-LOOP, CONNECTOR, PLANT = "closed loop", "impulse, in a batch", "plant, in a batch"
+LOOP, CONNECTOR, PLANT = "closed loop", "connector, in a batch", "plant, in a batch"
 ROLLOUT = "mujoco.rollout Euler, one thread"
 OVER_ROLLOUT, OVER_PARTS = "over mujoco.rollout", "over connector plus plant"
 THREADS, OVER_ONE = "closed loop, two threads", "wall time over that of one thread"
@@ -103,17 +104,15 @@ class _Rollout:
         self.start = np.empty((1, mujoco.mj_stateSize(model, kind)))
         mujoco.mj_getState(model, self.peer.data, self.start[0], kind)
         self.states = np.empty((1, self.steps, self.start.shape[1]))
-        self.sensors = np.empty((1, self.steps, 0))
         self.rollout = rollout.Rollout(nthread=0)
 
     def __call__(self, n: int) -> None:
         """Run n steps."""
         while n > 0:
-            steps = min(n, self.steps)
+            states = self.states if n >= self.steps else self.states[:, :n].copy()
             self.rollout.rollout(
-                [self.peer.model], self.peer.data, self.start, nstep=steps,
-                state=self.states[:, :steps],
-            )  # fmt: skip
+                self.peer.model, self.peer.data, self.start, nstep=states.shape[1], state=states
+            )
             n -= self.steps
 
 
@@ -121,6 +120,7 @@ def measure(settings: Settings) -> Findings:
     """The closed loop on a sleeve on a fixed shaft and on two free bodies."""
     found = Findings()
     for case in step_cases(settings):
+        case = dataclasses.replace(case, name=f"{LOOP}, {case.name}")
         steps = len(case.samples)
         blocks: dict[str, Block] = {
             LOOP: timed(_Loop(case.scene, steps)),
@@ -130,9 +130,7 @@ def measure(settings: Settings) -> Findings:
         try:
             blocks[ROLLOUT] = timed(_Rollout(case))
         except NotInstalledError as reason:
-            found.not_measured.append(
-                NotMeasured(case.name, ROLLOUT, "not installed", str(reason))
-            )
+            found.not_measured.append(NotMeasured(case.name, ROLLOUT, "not installed", str(reason)))
         _report(case, time_interleaved(blocks, settings.rounds, settings.block), found)
         _report_threads(case, settings, found)
     return found
@@ -158,11 +156,9 @@ def _report(case: StepCase, times: dict[str, Array], found: Findings) -> None:
     for quantity, (base, limit) in bases.items():
         spread = ratio(times[LOOP], base)
         found.measurements.append(Measurement.of(case.name, LOOP, quantity, spread, "1"))
-        found.targets.append(Target(f"{case.name}: {LOOP}, {quantity}", spread.median, limit, ""))
+        found.targets.append(Target(f"{case.name}, {quantity}", spread.median, limit, ""))
     if ROLLOUT not in times:
-        found.targets.append(
-            Target(f"{case.name}: {LOOP}, {OVER_ROLLOUT}", math.nan, MOST_OF_ROLLOUT, "")
-        )
+        found.targets.append(Target(f"{case.name}, {OVER_ROLLOUT}", math.nan, MOST_OF_ROLLOUT, ""))
 
 
 def _report_threads(case: StepCase, settings: Settings, found: Findings) -> None:
@@ -182,7 +178,7 @@ def _report_threads(case: StepCase, settings: Settings, found: Findings) -> None
     spread = ratio(times["two"], times["one"])
     found.measurements.append(Measurement.of(case.name, THREADS, OVER_ONE, spread, "1"))
     found.targets.append(
-        Target(f"{case.name}: {THREADS}, {OVER_ONE}", spread.median, MOST_OF_ONE, "")
+        Target(f"{case.name}: two threads, {OVER_ONE}", spread.median, MOST_OF_ONE, "")
     )
 
 
