@@ -183,13 +183,10 @@ def test_quick_kernel_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert m["count"] == QUICK.rounds
     for name in (kernel.SHAFT, kernel.PAIR):
         case = f"{loop.LOOP}, {name}"
-        times = {k: measured[case, k, STEP]["value"] for k in (loop.LOOP, loop.CONNECTOR)}
-        assert times[loop.LOOP] > times[loop.CONNECTOR] > 0.0
-        assert measured[case, loop.ROLLOUT, STEP]["settings"]["frictionloss"] > 0.0
-        over_rollout = measured[case, loop.LOOP, loop.OVER_ROLLOUT]["value"]
-        assert over_rollout == pytest.approx(
-            times[loop.LOOP] / measured[case, loop.ROLLOUT, STEP]["value"], rel=0.5
-        )
+        for part in (loop.LOOP, loop.CONNECTOR, loop.PLANT, loop.ROLLOUT):
+            assert measured[case, part, STEP]["value"] > 0.0
+        for quantity in (loop.OVER_PARTS, loop.OVER_ROLLOUT):
+            assert measured[case, loop.LOOP, quantity]["count"] == QUICK.rounds
         assert measured[case, loop.THREADS, loop.OVER_ONE]["value"] > 0.0
     assert measured[startup.CASE, startup.WARM, startup.WALL]["value"] > 0.0
     assert data["targets"]
