@@ -301,12 +301,11 @@ class Connector:
             out = np.empty(layout.NOUT)
         if not self._types_known:
             sample, h, out = _checked(sample, h, out)
-        handle = self._loaded or self._handle
         try:
-            status = batch.step(handle, self._par, self._mem, sample, h, self._period, out)
+            status = batch.step(self._handle, self._par, self._mem, sample, h, self._period, out)
         except TypeError:  # a type for which nothing is compiled
             sample, h, out = _checked(sample, h, out)
-            status = batch.step(handle, self._par, self._mem, sample, h, self._period, out)
+            status = batch.step(self._handle, self._par, self._mem, sample, h, self._period, out)
         if status == batch.WRONG_SHAPE:
             _checked(sample, h, out)
         if not self._types_known:
