@@ -39,13 +39,14 @@ class Benchmark:
 def _kernel() -> Benchmark:
     """Cost of one step of every method, compiled, called from Python and without the compiler.
 
-    Also MuJoCo's step and the start-up time.
+    Also MuJoCo's step, the closed loop beside mujoco.rollout, and the start-up time.
     """
-    from cylconn_ros.bench.step_cost import kernel, startup
+    from cylconn_ros.bench.step_cost import kernel, loop, startup
 
     return Benchmark(
         [
             ("one step of every method, and of MuJoCo", kernel.measure),
+            ("the closed loop, and mujoco.rollout", loop.measure),
             ("from process start to the first output", startup.measure),
         ]
     )

@@ -81,6 +81,7 @@ class Connector:
                 f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
             )
         self._step = STEPS[self.method]
+        self._loaded: Any = None
         self._par: Array = pack(scene)
         if check_latency and scene.latency >= 0 and latency_is_measurable(scene):
             self._par[model.LATENCY_CHECKED] = 1.0
@@ -180,7 +181,9 @@ class Connector:
     @property
     def _handle(self) -> Any:
         """Handle of the step function; compiles it at the first use."""
-        return self._step.handle
+        if self._loaded is None:
+            self._loaded = self._step.handle
+        return self._loaded
 
     @property
     def par(self) -> Array:

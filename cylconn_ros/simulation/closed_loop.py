@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.connector import batch
 from cylconn_ros.connector.connector import Connector
-from cylconn_ros.core import layout, plant
+from cylconn_ros.core import layout, model, plant
 from cylconn_ros.core.jit import parallel_kernel
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.plant import Plant
@@ -86,6 +86,9 @@ class Block:
 class ClosedLoop:
     """Plant and connector in lock step; wrenches act late as ``plant.latency`` says.
 
+    If they do not act late, nothing is left to measure of a latency that is not given: the
+    connector takes it as 0, and its outputs are the same bits.
+
     Attributes
     ----------
         plant, connector: as they are after the last period.
@@ -94,6 +97,9 @@ class ClosedLoop:
     def __init__(self, scene: Scene) -> None:
         self.plant, self.connector = Plant(scene), Connector(scene)
         self._delay = scene.plant_latency
+        par = self.connector.par
+        if self._delay == 0.0 and par[model.LATENCY] == model.MEASURED:
+            par[model.LATENCY] = 0.0
         self._sent, self._acting = np.zeros((int(self._delay) + 1, 12)), np.zeros(12)
 
     def advance(self, samples: Array, outs: Array, energy: Array) -> None:

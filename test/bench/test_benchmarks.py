@@ -30,7 +30,7 @@ from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.convergence import orders
 from cylconn_ros.bench.convergence.cases import convergence_cases
 from cylconn_ros.bench.nodes import measure
-from cylconn_ros.bench.step_cost import kernel, startup, worker
+from cylconn_ros.bench.step_cost import kernel, loop, startup, worker
 from cylconn_ros.cli import main
 from cylconn_ros.cli.benchmarks import BENCHMARKS, Benchmark
 from cylconn_ros.process.child import module_command, private_environment
@@ -181,6 +181,13 @@ def test_quick_kernel_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert m["value"] > 0.0
         assert m["low"] <= m["value"] <= m["high"]
         assert m["count"] == QUICK.rounds
+    for name in (kernel.SHAFT, kernel.PAIR):
+        case = f"{loop.LOOP}, {name}"
+        for part in (loop.LOOP, loop.CONNECTOR, loop.PLANT, loop.ROLLOUT):
+            assert measured[case, part, STEP]["value"] > 0.0
+        for quantity in (loop.OVER_PARTS, loop.OVER_ROLLOUT):
+            assert measured[case, loop.LOOP, quantity]["count"] == QUICK.rounds
+        assert measured[case, loop.THREADS, loop.OVER_ONE]["value"] > 0.0
     assert measured[startup.CASE, startup.WARM, startup.WALL]["value"] > 0.0
     assert data["targets"]
     assert not [one for one in data["not_measured"] if one["status"] == "failed"]

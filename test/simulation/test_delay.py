@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scenes import bundled
 
 import cylconn_ros as cr
-from cylconn_ros.core import layout
+from cylconn_ros.core import layout, model
 from cylconn_ros.errors import SceneError
 from cylconn_ros.simulation.delay import WrenchDelay
 from cylconn_ros.simulation.plant import Plant
@@ -147,3 +147,18 @@ def test_a_delay_has_a_bound() -> None:
         SceneError, match=r"plant.latency = 1000000000.0: must be at most 1000 samples"
     ):
         late("demo", 0, 1e9)
+
+
+@pytest.mark.parametrize("name", ["demo", "hub_and_rotor", "end_stop"])
+def test_the_loop_has_no_latency_to_measure(name: str) -> None:
+    """In lock step the outputs are those of a connector that measures the latency: same bits."""
+    scene = bundled(name)
+    assert scene.latency == -1
+    run = cr.simulate(scene, samples=300)
+    assert run.connector.par[model.LATENCY] == 0.0
+    samples = np.zeros((300, layout.NSAMPLE))
+    samples[:, layout.MOTION] = run.states
+    samples[:, layout.LOADS] = run.plant.loads
+    np.testing.assert_array_equal(cr.Connector(scene).run(samples), run.outs)
+    late = cr.simulate(scene.replace({"plant.latency": 1.0}), samples=2)
+    assert late.connector.par[model.LATENCY] == model.MEASURED
