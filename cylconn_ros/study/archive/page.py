@@ -10,9 +10,9 @@ import numpy as np
 
 from cylconn_ros.report.findings import Findings, Plot, Section, Series, Table
 from cylconn_ros.report.page import Fact, render_findings
-from cylconn_ros.study.bags import BAG, SIZE
+from cylconn_ros.study.archive.bags import BAG, SIZE
+from cylconn_ros.study.archive.compare import Change
 from cylconn_ros.study.chunk import ERROR, FAILED, STATUS
-from cylconn_ros.study.compare import Change
 from cylconn_ros.study.dataset import Dataset
 
 _LISTED = 200  # recordings and changes that are listed

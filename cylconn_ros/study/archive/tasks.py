@@ -32,7 +32,7 @@ from cylconn_ros.replay.replay import Item, Replay
 from cylconn_ros.replay.together import ReplayTogether
 from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.study.bags import PATH, local
+from cylconn_ros.study.archive.bags import PATH, local
 
 _COMMON = {"passed": "bool", "problem": "string", "samples": "int64"}
 
