@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class Bodies:
     def __init__(self, scenes: Sequence[Scene]) -> None:
         self._plants = [Plant(scene) for scene in scenes]
         names = [[body.frame for body in scene.bodies] for scene in scenes]
-        numbers = {frame: k for k, frame in enumerate(dict.fromkeys(sum(names, [])))}
+        numbers = {frame: k for k, frame in enumerate(dict.fromkeys(chain(*names)))}
         self._rows = [[numbers[frame] for frame in pair] for pair in names]
         self._total = np.zeros((len(numbers), 6))  # wrench on each body
         self._counted = _counting_once(self._plants, self._rows)

@@ -91,8 +91,10 @@ def combine(axes: Sequence[Axis]) -> Rows:
         repeat = repeat // length if length else 0
         which = (np.arange(count) // max(repeat, 1)) % max(length, 1)
         for name, values in axis.items():
-            if any(_overlap(name, one) for one in columns):
-                raise StudyError(f"{name}: is varied twice")
+            other = next((one for one in columns if _overlap(name, one)), None)
+            if other is not None:
+                also = "" if other == name else f", also as {other}"
+                raise StudyError(f"{name}: is varied twice{also}")
             columns[name] = values[which]
     return Rows(columns, count)
 

@@ -132,8 +132,8 @@ class VariantOutputs:
         for names in shared_bodies.groups(scenes):
             group = [scenes[name] for name in names]
             reductions = [self._of[name].reduction() for name in names]
-            for blocks in GroupLoop(group).blocks(samples_of(group[0], duration)):
-                for reduction, block in zip(reductions, blocks, strict=True):
+            for together in GroupLoop(group).blocks(samples_of(group[0], duration)):
+                for reduction, block in zip(reductions, together, strict=True):
                     reduction.add(block)
             for name, reduction in zip(names, reductions, strict=True):
                 found |= {_column(name, key): v for key, v in reduction.result().items()}
