@@ -36,13 +36,14 @@ def degrees_of_freedom(jacobian: Array, bread: Array) -> Array:
     freedom tr(K)^2 / tr(K^2).
     """
     a = np.linalg.solve(_kept(jacobian, bread), jacobian @ bread)  # (n, 2, k)
+    a /= np.maximum(np.abs(a).max(axis=(0, 1)), 1e-300)  # K counts up to a factor
     whole = np.square(a).sum(axis=1)  # (n, k)
     u = np.einsum("nia,nib->anb", a, jacobian)  # K = diag(whole) - u bread u^T, for each parameter
     own = np.einsum("anb,bc,anc->na", u, bread, u, optimize=True)
     inner = np.einsum("anb,anc->abc", u, u, optimize=True) @ bread
     trace = (whole - own).sum(axis=0)
     square = (whole * (whole - 2.0 * own)).sum(axis=0) + np.einsum("abc,acb->a", inner, inner)
-    return np.maximum(trace**2 / np.maximum(square, 1e-300), 1.0)
+    return np.maximum(trace**2 / np.maximum(square, 1e-12), 1.0)
 
 
 def _kept(jacobian: Array, bread: Array) -> Array:
