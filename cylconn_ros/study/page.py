@@ -16,6 +16,7 @@ from cylconn_ros.scene.parameter_file import parameters_of
 from cylconn_ros.study.chunk import ERROR, OK, ROW, STATUS
 from cylconn_ros.study.dataset import Dataset
 from cylconn_ros.study.sensitivity import Sensitivity, bins_of, sensitivities
+from cylconn_ros.study.shown import without_rounding
 
 if TYPE_CHECKING:
     import pyarrow
@@ -174,7 +175,7 @@ def _distribution(outputs: Mapping[str, NDArray[Any]]) -> Table:
             text = f"true in {int(values.sum())} ({_percent(float(np.mean(values)))})"
             rows.append([name, str(len(values)), text, "", "", f"{low:.4g} … {high:.4g}"])
             continue
-        finite = np.asarray(values[np.isfinite(values)], np.float64)
+        finite = without_rounding(name, np.asarray(values[np.isfinite(values)], np.float64))
         if not len(finite):
             weak.add(len(rows))
             rows.append([name, "0", "–", "–", "–", "–"])
