@@ -184,8 +184,9 @@ def _moments(x: Array, noise: Array, design: Array) -> tuple[Array, Array, Array
     unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max())
     unit = np.where(unit > 0.0, unit, 1.0)  # loads that do not press are zero
     scaled, white = x / unit, noise / np.outer(unit, unit)
-    own, weights = np.diagonal(white, axis1=1, axis2=2), np.ones_like(x)
-    for _ in range(2):  # the second time with the weights of the first
+    own = np.diagonal(white, axis1=1, axis2=2)
+    weights = 1.0 / np.where(own > 0.0, own, 1.0)
+    for _ in range(2):  # at first as if the loads did not change
         root = np.sqrt(weights / weights.mean(axis=0))
         mean = np.empty_like(x)
         for k in range(2):

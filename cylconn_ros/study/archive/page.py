@@ -109,8 +109,8 @@ def _values(rows: Sequence[Mapping[str, Any]], outputs: Sequence[str]) -> Sectio
         unit = unit_of(name)
         low, middle, high = np.percentile(values, [5, 50, 95])
         table.append(
-            [name, unit, str(len(values)), f"{middle:.5g}", f"{low:.5g} … {high:.5g}",
-             f"{values.min():.5g} … {values.max():.5g}"]
+            [name, str(len(values)), f"{middle:.5g}", f"{low:.5g} … {high:.5g}",
+             f"{values.min():.5g} … {values.max():.5g}", unit]
         )  # fmt: skip
         if values.min() < values.max() and len(plots) < _PLOTS:
             order, counts = np.unique(values, return_counts=True)
@@ -118,6 +118,6 @@ def _values(rows: Sequence[Mapping[str, Any]], outputs: Sequence[str]) -> Sectio
             plot = [Series("recordings", "blue", "steps", np.r_[order[:1], order], share)]
             axis = f"{name}, {unit}" if unit else name
             plots.append(Plot(f"v{len(plots)}", name, axis, "share of the recordings", plot))
-    head = ("quantity", "unit", "recordings", "median", "90 % within", "all within")
+    head = ("quantity", "recordings", "median", "90 % within", "all within", "unit")
     text = "Plots show the share of the recordings whose value is at most that on the x axis."
     return Section("values", "Values", text, table=Table(head, table), plots=plots)
