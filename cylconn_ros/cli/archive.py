@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Work through the recordings; 1 if one did not pass, or with --against if one changed."""
-    from cylconn_ros.study.bags import find_bags
+    from cylconn_ros.study.archive.bags import find_bags
     from cylconn_ros.study.dataset import Dataset
     from cylconn_ros.study.executors import engine
     from cylconn_ros.study.run import run as work
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     passed = _report(dataset)
     changed, new = _compare(before, dataset, options)
     if not options.no_page:
-        from cylconn_ros.study.archive_page import archive_page
+        from cylconn_ros.study.archive.page import archive_page
 
         page = archive_page(dataset, changed, new)
         print(f"page        {dataset.write_page('page.html', page)}")
@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _task(options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return the task, and the options that its results follow from."""
-    from cylconn_ros.study import archive
+    from cylconn_ros.study.archive import tasks
 
     if options.set and options.action != "replay":
         raise CommandError("--set belongs to replay")
@@ -107,11 +107,11 @@ def _task(options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     if options.action == "replay":
         changes = scenes.changed_parameters(options.set)
         given = {"set": changes, "tolerance": options.tolerance}
-        return archive.ReplayTask(changes, options.tolerance), given
+        return tasks.ReplayTask(changes, options.tolerance), given
     if options.action == "identify":
         known = dict(options.known)
-        return archive.IdentifyTask(known), {"known": known}
-    return (archive.LawsTask() if options.action == "laws" else archive.InfoTask()), {}
+        return tasks.IdentifyTask(known), {"known": known}
+    return (tasks.LawsTask() if options.action == "laws" else tasks.InfoTask()), {}
 
 
 def _report(dataset: Dataset) -> bool:
@@ -133,7 +133,7 @@ def _compare(
     """Print what changed against an earlier result."""
     if before is None:
         return None, []
-    from cylconn_ros.study.compare import added, changes
+    from cylconn_ros.study.archive.compare import added, changes
 
     found, new = changes(before, now, options.tolerance), added(before, now)
     bags = len({one.bag for one in found})

@@ -211,6 +211,15 @@ def _identification() -> Benchmark:
     return Benchmark([("coverage of intervals", measured)], text.text)
 
 
+def _scale() -> Benchmark:
+    """Cost of a run of a sweep and of a recording of an archive, and where executors saturate."""
+    from cylconn_ros.bench.scale import saturation, tasks
+
+    return Benchmark(
+        [("tasks of a study", tasks.measure), ("tasks of zero work", saturation.measure)]
+    )
+
+
 BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "kernel": _kernel,
     "mechanism": _mechanism,
@@ -225,5 +234,6 @@ BENCHMARKS: dict[str, Callable[[], Benchmark]] = {
     "free_running": _free_running,
     "soak": _soak,
     "identification": _identification,
+    "scale": _scale,
 }
 """Entries by name, in the order of the help text."""

@@ -233,12 +233,10 @@ def step_plots(found: Identification) -> list[Plot]:
 
 def _interval(fit: KineticFit, k: int) -> tuple[float, float, float]:
     """Return value and 95 % interval of parameter ``k`` of a fit, from the noise alone."""
-    from scipy.stats import t
-
     from cylconn_ros.identification.likelihood.law import COEFFICIENT, DECAY, OVERLAP, RADIUS
 
     x = float(fit.law.vector[k])
-    half = float(t.isf(0.025, fit.freedom)) * fit.deviation(k)
+    half = float(fit.half_widths(0.05)[fit.free.index(k)])
     if k in (COEFFICIENT, RADIUS, DECAY):
         return math.exp(x), math.exp(x - half), math.exp(x + half)
     if k == OVERLAP:

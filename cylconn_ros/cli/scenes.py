@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,9 +71,36 @@ def load_with_overrides(path: Path, options: argparse.Namespace) -> Scene:
     return overridden(path, load(path), options)
 
 
-def overridden(path: Path, scene: Scene, options: argparse.Namespace) -> Scene:
-    """A scene of ``path`` with the changes of the command line, as above."""
-    changes = changed_parameters(getattr(options, "set", ()))
+def all_overridden(
+    path: Path, scenes: Mapping[str, Scene], options: argparse.Namespace
+) -> dict[str, Scene]:
+    """Scenes of the connectors of ``path`` with the changes of the command line, as above.
+
+    ``--set left.friction.radius=0.01`` is for the connector ``left``, without a name for all.
+    """
+    given = changed_parameters(getattr(options, "set", ()))
+    found = {}
+    for name, scene in scenes.items():
+        changes = {}
+        for key, value in given.items():
+            first, _, rest = key.partition(".")
+            if not name or first not in scenes:
+                changes[key] = value
+            elif first == name:
+                changes[rest] = value
+        found[name] = overridden(path, scene, options, changes)
+    return found
+
+
+def overridden(
+    path: Path, scene: Scene, options: argparse.Namespace, changes: Mapping[str, Any] | None = None
+) -> Scene:
+    """A scene of ``path`` with the changes of the command line, as above.
+
+    ``changes``: parameters in place of those of --set.
+    """
+    if changes is None:
+        changes = changed_parameters(getattr(options, "set", ()))
     if changes:
         try:
             scene = scene.replace(changes)

@@ -69,7 +69,7 @@ def run(path: Path, scenes: Mapping[str, Scene], options: argparse.Namespace) ->
         raise CommandError(
             f"{options.output}: must have no suffix (recorded run) for several connectors"
         )
-    scenes = {name: scene_files.overridden(path, scene, options) for name, scene in scenes.items()}
+    scenes = scene_files.all_overridden(path, scenes, options)
     runs: dict[tuple[str, ...], GroupRun] = {}
     for names in shared_bodies.groups(scenes):
         group = [scenes[name] for name in names]
@@ -83,7 +83,7 @@ def run(path: Path, scenes: Mapping[str, Scene], options: argparse.Namespace) ->
     if not any(getattr(options, each) for each in ("duration", "steps", "set")):
         passed &= _compare(path, scenes, runs)
     if options.output is not None:
-        _record(runs, scenes, options.output)
+        record(runs, scenes, options.output)
         print(f"kept        {options.output}\nnext: cylconn info {options.output}")
     else:
         print("next: keep the run with -o NAME")
@@ -164,7 +164,7 @@ def _messages_of(
     return own, found
 
 
-def _record(
+def record(
     runs: Mapping[tuple[str, ...], GroupRun], scenes: Mapping[str, Scene], output: Path
 ) -> None:
     """Write the messages of the node as a recorded run; log times are the stamps."""

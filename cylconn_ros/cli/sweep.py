@@ -25,11 +25,11 @@ from pathlib import Path
 from cylconn_ros.cli import scenes, study_options
 from cylconn_ros.cli.progress import Progress
 from cylconn_ros.errors import CommandError, StudyError
-from cylconn_ros.scene import multiple
-from cylconn_ros.scene.scene import Scene, load_all
+from cylconn_ros.scene.scene import load_all
 from cylconn_ros.study.dataset import STUDY, Dataset
 from cylconn_ros.study.rows import Axis, Rows, read_axis
 from cylconn_ros.study.sampling import DESIGNS, read_correlation
+from cylconn_ros.study.variants import Variants
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,10 +81,10 @@ def run(options: argparse.Namespace) -> int:
     from cylconn_ros.study.outputs import DEFAULT
     from cylconn_ros.study.sweep import Simulation, into_dataset
 
-    scene = _scene(options)
+    variants = _variants(options)
     rows = _rows(options)
     named = [name.strip() for text in options.outputs for name in text.split(",")]
-    task = Simulation(scene, None, tuple(named) or DEFAULT)
+    task = Simulation(variants, None, tuple(named) or DEFAULT)
     task.outputs  # noqa: B018 (raises for a name that does not exist)
     with engine(options.scheduler, options.workers) as used:
         print(f"sweep       {len(rows)} rows of {', '.join(rows.columns)}; {used.name}")
@@ -105,14 +105,11 @@ def run(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _scene(options: argparse.Namespace) -> Scene:
+def _variants(options: argparse.Namespace) -> Variants:
     if (Path(options.scene) / STUDY).is_file():
         raise CommandError(f"{options.scene} is a dataset: give --row N, or the scene to sweep")
     path = scenes.find(options.scene)
-    loaded = load_all(path)
-    if multiple.ONE not in loaded:
-        raise CommandError(f"{path}: holds several connectors; a sweep needs one")
-    return scenes.overridden(path, loaded[multiple.ONE], options)
+    return Variants(scenes.all_overridden(path, load_all(path), options))
 
 
 def _rows(options: argparse.Namespace) -> Rows:
@@ -162,7 +159,9 @@ def _page(dataset: Dataset) -> str:
 
 def _one(options: argparse.Namespace) -> int:
     """Run one row again and keep it."""
+    from cylconn_ros.cli import simulate_several
     from cylconn_ros.cli.simulate import keep
+    from cylconn_ros.simulation.run import Run
     from cylconn_ros.study.sweep import Sweep
 
     output = Path(options.output)
@@ -170,7 +169,10 @@ def _one(options: argparse.Namespace) -> int:
         raise CommandError(f"{output} exists; a run is never overwritten")
     found = Sweep(Dataset.existing(options.scene))
     result = found.run(options.row)
-    keep(result, result.scene, output)
+    if isinstance(result, Run):
+        keep(result, result.scene, output)
+    else:
+        simulate_several.record(result, found.scenes(options.row), output)
     for name, value in found.dataset.row(options.row).items():
         print(f"{name:<32}{value}")
     print(f"kept        {output}\nnext: cylconn report {output}")

@@ -71,10 +71,8 @@ def estimates_of(
     ``coarse`` (k,) is the change of the fitted vector with every second sample removed. c1 and cr1
     include the damping of the scene.
     """
-    from scipy.stats import t
-
     law, x = fitted.law, fitted.law.vector
-    spread = float(t.isf(SIGNIFICANCE / 2.0, fitted.freedom)) * np.sqrt(np.diag(fitted.covariance))
+    spread = fitted.half_widths(SIGNIFICANCE)
     # An error of second order in the period h is a third of the change from h to 2 h; doubled as a
     # safety margin.
     half = np.sqrt(spread**2 + (coarse * 2.0 / 3.0) ** 2 + fitted.systematic**2)

@@ -27,11 +27,11 @@ from cylconn_ros.errors import IdentifyError, IndeterminateError, SceneError
 from cylconn_ros.identification.estimates import SIGNIFICANCE, Estimate
 from cylconn_ros.identification.forces.correlation import Correlation
 from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.likelihood import sandwich
 from cylconn_ros.identification.likelihood.kinetic import (
     KineticFit,
     factors,
     fit_law,
-    sandwich_covariance,
     slopes_of,
     weighted_residuals,
 )
@@ -62,6 +62,7 @@ class Evaluation(NamedTuple):
     part: Array  # (k,) of the known forces, by unknown
     vector: Array  # (n,) parameters of friction beside this part
     covariance: Array  # (n + k, n + k) of vector and part
+    freedom: float  # degrees of freedom of the variances of the part, the least
     fitted: KineticFit
 
 
@@ -194,10 +195,12 @@ class InertiaProblem:
         step = np.linalg.lstsq(j.reshape(-1, j.shape[2]), -r.ravel(), rcond=1e-10)[0]
         bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-12)
         after = r + j @ step
-        covariance = sandwich_covariance(j, after, bread) / np.outer(scale, scale)
+        covariance = sandwich.covariance(j, after, bread) / np.outer(scale, scale)
         step = step / scale
         n = len(free)
-        return Evaluation(step[n:], fitted.law.vector[free] + step[:n], covariance, fitted)
+        freedom = float(sandwich.degrees_of_freedom(j, bread)[n:].min())
+        vector = fitted.law.vector[free] + step[:n]
+        return Evaluation(step[n:], vector, covariance, freedom, fitted)
 
     def derivatives(self, values: Array, model: KineticFit) -> tuple[Evaluation, Array, Array]:
         """Return the fit and the derivatives of its part (k, k) and vector (n, k) by the values."""
@@ -211,7 +214,7 @@ class InertiaProblem:
             vectors.append((other.vector - at.vector) / (STEP * values[k]))
         return at, np.stack(parts, axis=1), np.stack(vectors, axis=1)
 
-    def estimates(self, values: Array, covariance: Array, freedom: int) -> list[Estimate]:
+    def estimates(self, values: Array, covariance: Array, freedom: float) -> list[Estimate]:
         """Return the estimates; the inertia is that about the slot, with the mass's share.
 
         Raises IndeterminateError if one is known worse than to MAX_HALF_WIDTH of it.
@@ -269,7 +272,7 @@ class InertiaFit(NamedTuple):
             np.diag(fitted.covariance) / np.maximum(np.diag(covariance), 1e-300), 1.0
         )
         covariance *= np.sqrt(np.outer(wider, wider))
-        estimates = self.problem.estimates(self.values, own, fitted.freedom)
+        estimates = self.problem.estimates(self.values, own, at.freedom)
         return dataclasses.replace(fitted, covariance=covariance), estimates
 
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core import layout
 from cylconn_ros.identification.forces.intervals import Intervals, measure_intervals
+from cylconn_ros.identification.likelihood import sandwich
 from cylconn_ros.identification.likelihood.kinetic import (
     KineticFit,
     factors,
-    sandwich_covariance,
     slopes_of,
     weighted_residuals,
 )
@@ -203,7 +203,7 @@ def _lag(
     r = weighted_residuals(data, law, inverse)
     step = np.linalg.lstsq(j.reshape(-1, j.shape[2]), -r.ravel(), rcond=1e-8)[0]
     bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-12)
-    spread = np.sqrt(sandwich_covariance(j, r + j @ step, bread)[-1, -1])
+    spread = np.sqrt(sandwich.covariance(j, r + j @ step, bread)[-1, -1])
     periods = float(step[-1] / scale[-1])
     usual = float(np.median(np.hypot(data.force[:, 0], data.force[:, 1] / law.radius)))
     size = float(np.sqrt(np.square(effect / [1.0, law.radius]).sum(axis=1).mean()))

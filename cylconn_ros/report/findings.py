@@ -27,8 +27,9 @@ class Series:
     ----------
         label: in the legend; empty: not in it.
         colour: a name in page.css.
-        kind: points, rings, diamonds, line, dashed, band (between low and high), means (points with
-            bars from low to high), or open (the same with open points).
+        kind: points, rings, diamonds, line, dashed, steps (each y holds until the next x), band
+            (between low and high), means (points with bars from low to high), or open (the same
+            with open points).
         x, y: (n,) in the units of the axes.
         low, high: (n,) ends of bars or of a band; in a plot with names, along x.
     """

@@ -20,7 +20,7 @@ from cylconn_ros.simulation.run import Run
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-_BLOCK = 2048  # samples per compiled call, between two calls of the progress function
+BLOCK = 2048  # samples per compiled call, between two calls of the progress function
 
 
 @parallel_kernel
@@ -124,11 +124,11 @@ class ClosedLoop:
 
     def blocks(self, samples: int) -> Iterator[Block]:
         """Run ``samples`` periods in blocks, in memory that does not grow with their number."""
-        size = min(samples, _BLOCK)
+        size = min(samples, BLOCK)
         rows, outs = np.empty((size, layout.NSAMPLE)), np.empty((size, layout.NOUT))
         energy = np.empty(size)
-        for first in range(0, samples, _BLOCK):
-            n = min(_BLOCK, samples - first)
+        for first in range(0, samples, BLOCK):
+            n = min(BLOCK, samples - first)
             time = np.asarray(np.arange(first, first + n) * self.plant.period_ns * 1e-9, float)
             self.advance(rows[:n], outs[:n], energy[:n])
             yield Block(time, rows[:n, layout.MOTION], outs[:n], energy[:n])
@@ -143,8 +143,8 @@ def closed_loop(scene: Scene, samples: int, progress: Progress | None = None) ->
     rows = np.empty((samples, layout.NSAMPLE))
     outs = np.empty((samples, layout.NOUT))
     energy = np.empty(samples)
-    for first in range(0, samples, _BLOCK):
-        part = slice(first, min(first + _BLOCK, samples))
+    for first in range(0, samples, BLOCK):
+        part = slice(first, min(first + BLOCK, samples))
         loop.advance(rows[part], outs[part], energy[part])
         if progress is not None:
             progress(part.stop, samples)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylconn_ros.connector.frames import into_world
 from cylconn_ros.connector.group import Group
 from cylconn_ros.connector.over_time import OverTime
-from cylconn_ros.core import layout
+from cylconn_ros.core import layout, model, plant
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.simulation.closed_loop import Progress
+from cylconn_ros.simulation.closed_loop import BLOCK, Block, Progress
 from cylconn_ros.simulation.plant import Plant
 
 Array = NDArray[np.float64]
-
-_STATES = (slice(0, 13), slice(13, 26))  # pose and twist of A, of B
 
 
 class Bodies:
@@ -32,7 +30,11 @@ class Bodies:
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
         self._plants = [Plant(scene) for scene in scenes]
-        self._frames = [[body.frame for body in scene.bodies] for scene in scenes]
+        names = [[body.frame for body in scene.bodies] for scene in scenes]
+        numbers = {frame: k for k, frame in enumerate(dict.fromkeys(chain(*names)))}
+        self._rows = [[numbers[frame] for frame in pair] for pair in names]
+        self._total = np.zeros((len(numbers), 6))  # wrench on each body
+        self._counted = _counting_once(self._plants, self._rows)
         moving = [b.frame for scene in scenes for b in scene.bodies if b.kind != "fixed"]
         self.frames = list(dict.fromkeys(moving))
 
@@ -56,40 +58,87 @@ class Bodies:
         """Simulated time, ns."""
         return self._plants[0].time_ns
 
+    @property
+    def period_ns(self) -> int:
+        """A period, ns."""
+        return self._plants[0].period_ns
+
     def step(self, wrenches: Sequence[tuple[Array, Array]]) -> None:
         """Advance a period under the wrenches of each connector on its bodies, as published."""
-        total: dict[str, Array] = {}
-        for frames, pair in zip(self._frames, wrenches, strict=True):
-            for frame, wrench in zip(frames, pair, strict=True):
-                total[frame] = total.get(frame, np.zeros(6)) + wrench
-        for frames, plant in zip(self._frames, self._plants, strict=True):
-            plant.step(total[frames[0]], total[frames[1]])
+        self._total[:] = 0.0
+        for rows, pair in zip(self._rows, wrenches, strict=True):
+            for row, wrench in zip(rows, pair, strict=True):
+                self._total[row] += wrench
+        for (a, b), one in zip(self._rows, self._plants, strict=True):
+            one.step(self._total[a], self._total[b])
 
     def energy(self) -> float:
         """Kinetic and gravitational energy of all bodies, J."""
-        known: dict[str, float] = {}
-        for frames, plant in zip(self._frames, self._plants, strict=True):
-            for k, frame in enumerate(frames):
-                known.setdefault(frame, _energy(plant, k))
-        return sum(known.values())
+        pairs = zip(self._counted, self._plants, strict=True)
+        return sum(float(plant.energy(par, one.state)) for par, one in pairs)
 
 
-def _energy(plant: Plant, k: int) -> float:
-    """Kinetic and gravitational energy of body A (0) or B (1) of a plant, J."""
-    body = plant.scene.bodies[k]
-    if body.kind != "free":
-        return 0.0
-    pose, twist = np.split(plant.state[_STATES[k]], [7])
-    axes = np.reshape(
-        [into_world(pose.tolist(), [*e, 0.0, 0.0, 0.0])[:3] for e in np.eye(3)], (3, 3)
-    ).T
-    arm, spin = axes @ body.com, twist[3:]
-    velocity = twist[:3] + np.cross(spin, arm)
-    ixx, ixy, ixz, iyy, iyz, izz = body.inertia
-    inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    w = axes.T @ spin
-    kinetic = 0.5 * (body.mass * velocity @ velocity + w @ inertia @ w)
-    return float(kinetic - body.mass * np.dot(plant.scene.gravity, pose[:3] + arm))
+def _counting_once(plants: Sequence[Plant], rows: Sequence[Sequence[int]]) -> list[Array]:
+    """Parameter arrays in which each body is free in one plant only: for the energy of all."""
+    known: set[int] = set()
+    found = []
+    for one, pair in zip(plants, rows, strict=True):
+        par = one.par.copy()
+        for row, at in zip(pair, (model.BODY_A, model.BODY_B), strict=True):
+            if row in known:
+                par[at] = 0.0
+            known.add(row)
+        found.append(par)
+    return found
+
+
+class GroupLoop:
+    """Bodies and coupled connectors in lock step.
+
+    Attributes
+    ----------
+        bodies, group: as they are after the last period.
+    """
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        self.bodies, self.group = Bodies(scenes), Group(scenes)
+        self._steps = 0
+
+    def advance(
+        self, samples: Array, outs: Array, energy: Array, iterations: NDArray[np.int64]
+    ) -> None:
+        """Run as many periods as the arrays have rows.
+
+        (n, N, NSAMPLE), (n, N, NOUT), (n,) J and (n,) steps of the solver are written.
+        """
+        bodies, group = self.bodies, self.group
+        states, loads, changing = bodies.states, bodies.loads, bodies.over_time
+        changes = [c for c, each in enumerate(changing) if each.changes]
+        samples[:] = 0.0
+        for sample, out, k in zip(samples, outs, range(len(samples)), strict=True):
+            energy[k] = bodies.energy()
+            for row, state, load in zip(sample, states, loads, strict=True):
+                row[layout.MOTION], row[layout.LOADS] = state, load
+            for c in changes:
+                changing[c].follow(group.connectors[c], self._steps)
+            group.step(sample, outs=out)
+            iterations[k] = group.iterations
+            bodies.step([(one[0:6], one[6:12]) for one in out])
+            self._steps += 1
+
+    def blocks(self, samples: int) -> Iterator[list[Block]]:
+        """Run ``samples`` periods; a block of each connector at a time, in memory used again."""
+        n, size, begin = len(self.group.connectors), min(samples, BLOCK), self.bodies.time_ns
+        rows, outs = np.empty((size, n, layout.NSAMPLE)), np.empty((size, n, layout.NOUT))
+        energy, iterations = np.empty(size), np.empty(size, np.int64)
+        for first in range(0, samples, BLOCK):
+            m = min(BLOCK, samples - first)
+            steps = begin + np.arange(first, first + m) * self.bodies.period_ns
+            time = np.asarray(steps * 1e-9, np.float64)
+            self.advance(rows[:m], outs[:m], energy[:m], iterations[:m])
+            yield [
+                Block(time, rows[:m, c, layout.MOTION], outs[:m, c], energy[:m]) for c in range(n)
+            ]
 
 
 @dataclass(frozen=True)
@@ -112,20 +161,13 @@ def simulate_group(
 
     ``progress`` is called with (done, total) samples at times, and at the end.
     """
-    bodies, group = Bodies(scenes), Group(scenes)
-    n = len(scenes)
-    time, energy = np.empty(steps), np.empty(steps)
-    samples, outs = np.zeros((steps, n, layout.NSAMPLE)), np.empty((steps, n, layout.NOUT))
-    iterations = np.zeros(steps, dtype=np.int64)
-    for k in range(steps):
-        time[k], energy[k] = bodies.time_ns * 1e-9, bodies.energy()
-        for c in range(n):
-            samples[k, c, layout.MOTION] = bodies.states[c]
-            samples[k, c, layout.LOADS] = bodies.loads[c]
-            bodies.over_time[c].follow(group.connectors[c], k)
-        group.step(samples[k], outs=outs[k])
-        iterations[k] = group.iterations
-        bodies.step([(out[0:6], out[6:12]) for out in outs[k]])
-        if progress is not None and (k % 1024 == 0 or k + 1 == steps):
-            progress(k + 1, steps)
-    return GroupRun(time, samples, outs, energy, iterations, group, bodies)
+    loop, n = GroupLoop(scenes), len(scenes)
+    samples, outs = np.empty((steps, n, layout.NSAMPLE)), np.empty((steps, n, layout.NOUT))
+    energy, iterations = np.empty(steps), np.zeros(steps, dtype=np.int64)
+    for first in range(0, steps, BLOCK):
+        part = slice(first, min(first + BLOCK, steps))
+        loop.advance(samples[part], outs[part], energy[part], iterations[part])
+        if progress is not None:
+            progress(part.stop, steps)
+    time = np.asarray(np.arange(steps) * loop.bodies.period_ns * 1e-9, np.float64)
+    return GroupRun(time, samples, outs, energy, iterations, loop.group, loop.bodies)

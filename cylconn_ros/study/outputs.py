@@ -9,7 +9,7 @@ without a component gives a column a component. Other outputs have a name of the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -111,7 +111,7 @@ class Outputs:
     Raises StudyError for a name that does not exist; it lists those that do.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Iterable[str]) -> None:
         self._named: list[str] = []
         self._reduced: dict[str, _Output] = {}
         self.types: dict[str, str] = {}
@@ -124,29 +124,51 @@ class Outputs:
                 self._reduced[column] = output
                 self.types[column] = "float64"
 
-    def reduce(self, blocks: Sequence[Block] | Any) -> dict[str, Any]:
+    def reduction(self) -> Blocks:
+        """Begin the reduction of a run."""
+        return Blocks(self._reduced, self._named, tuple(self.types))
+
+    def reduce(self, blocks: Iterable[Block]) -> dict[str, Any]:
         """Values by column of a run whose blocks (simulation/closed_loop.py) come in order."""
-        reduced = {(o.source, o.index): _Reduced() for o in self._reduced.values()}
-        named = _Named() if self._named else None
-        before: tuple[float, Array] | None = None  # last time and outputs of the block before
+        found = self.reduction()
         for block in blocks:
-            for (source, index), one in reduced.items():
-                if source == "rates":
-                    one.add(*_accelerations(block, index, before))
-                    continue
-                values = getattr(block, source)
-                one.add(block.time, values if values.ndim == 1 else values[:, index])
-            before = float(block.time[-1]), block.outs[-1].copy()
-            if named is not None:
-                named.add(block)
+            found.add(block)
+        return found.result()
+
+
+class Blocks:
+    """The blocks of one run so far, reduced."""
+
+    def __init__(
+        self, reduced: Mapping[str, _Output], named: Sequence[str], columns: Sequence[str]
+    ) -> None:
+        self._outputs, self._names, self._columns = reduced, named, columns
+        self._reduced = {(o.source, o.index): _Reduced() for o in reduced.values()}
+        self._named = _Named() if named else None
+        self._before: tuple[float, Array] | None = None  # time and outputs of the last sample
+
+    def add(self, block: Block) -> None:
+        """Take in the next block."""
+        for (source, index), one in self._reduced.items():
+            if source == "rates":
+                one.add(*_accelerations(block, index, self._before))
+                continue
+            values = getattr(block, source)
+            one.add(block.time, values if values.ndim == 1 else values[:, index])
+        self._before = float(block.time[-1]), block.outs[-1].copy()
+        if self._named is not None:
+            self._named.add(block)
+
+    def result(self) -> dict[str, Any]:
+        """Values by column."""
         found: dict[str, Any] = {
-            name: REDUCTIONS[o.reduction](reduced[o.source, o.index])
-            for name, o in self._reduced.items()
+            name: REDUCTIONS[o.reduction](self._reduced[o.source, o.index])
+            for name, o in self._outputs.items()
         }
-        if named is not None:
-            values = named.result()
-            found |= {name: values[name] for name in self._named}
-        return {name: found[name] for name in self.types}
+        if self._named is not None:
+            values = self._named.result()
+            found |= {name: values[name] for name in self._names}
+        return {name: found[name] for name in self._columns}
 
 
 def _accelerations(

@@ -16,6 +16,7 @@ from cylconn_ros.scene.parameter_file import parameters_of
 from cylconn_ros.study.chunk import ERROR, OK, ROW, STATUS
 from cylconn_ros.study.dataset import Dataset
 from cylconn_ros.study.sensitivity import Sensitivity, bins_of, sensitivities
+from cylconn_ros.study.shown import without_rounding
 
 if TYPE_CHECKING:
     import pyarrow
@@ -43,18 +44,20 @@ def sweep_page(dataset: Dataset) -> str:
         for name in dataset.description["outputs"]
         if str(table[name].type) in ("double", "int64", "bool")
     }
-    found = [s for s in sensitivities(inputs, _numbers(outputs)) if s.share > 0.0]
+    whole = _of_all(outputs)
+    explained = {**outputs, **{key: v for key, v in whole.items() if key == "jam"}}
+    found = [s for s in sensitivities(inputs, _numbers(explained)) if s.share > 0.0]
     sections = [
         Section("outputs", "Outputs", _OUTPUTS, table=_distribution(outputs)),
         Section(
             "sensitivity", "What moves the outputs", _EXPLAINED, table=_shares(found, names),
-            plots=_scatters(found, inputs, _numbers(outputs)),
+            plots=_scatters(found, inputs, _numbers(explained)),
         ),
-        *_jam_map(outputs, inputs, found),
+        *_jam_map(whole, inputs, found),
         *_failures(table),
     ]  # fmt: skip
-    verdict, state, reasons = _verdict(dataset, len(table), good, outputs)
-    facts = _facts(dataset, len(table), good, outputs)
+    verdict, state, reasons = _verdict(dataset, len(table), good, whole)
+    facts = _facts(dataset, len(table), good, whole)
     description = dataset.description
     sources = [
         ("dataset", dataset.address),
@@ -72,10 +75,28 @@ _OUTPUTS = (
 )
 
 
+def _of_all(outputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Jam, stop time and usability of a run: of its connector, or of several together.
+
+    A run jams if one of them does; it is at rest when all are.
+    """
+    merged: Mapping[str, np.ufunc] = {
+        "jam": np.logical_or, "usable": np.logical_and, "stop_time": np.maximum,
+    }  # fmt: skip
+    found = {}
+    for name, merge in merged.items():
+        columns = [v for key, v in outputs.items() if key == name or key.endswith(f".{name}")]
+        if columns:
+            found[name] = merge.reduce(columns)
+    return found
+
+
 def _duration(description: Mapping[str, Any]) -> str:
     """Simulated time as text: that of the sweep, or of the scene."""
     if description["duration"] is None:
-        return str(parameters_of(description["scene"])["plant.duration"])
+        parameters = parameters_of(description["scene"])
+        given = [value for name, value in parameters.items() if name.endswith("plant.duration")]
+        return f"{given[0]:g}"
     return f"{description['duration']:g}"
 
 
@@ -154,7 +175,7 @@ def _distribution(outputs: Mapping[str, NDArray[Any]]) -> Table:
             text = f"true in {int(values.sum())} ({_percent(float(np.mean(values)))})"
             rows.append([name, str(len(values)), text, "", "", f"{low:.4g} … {high:.4g}"])
             continue
-        finite = np.asarray(values[np.isfinite(values)], np.float64)
+        finite = without_rounding(name, np.asarray(values[np.isfinite(values)], np.float64))
         if not len(finite):
             weak.add(len(rows))
             rows.append([name, "0", "–", "–", "–", "–"])

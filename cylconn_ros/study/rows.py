@@ -1,7 +1,8 @@
 """Rows of a study: a table of parameter values, one simulation a row.
 
-A column is a parameter by its dotted name, or a component of a vector, ``body_b.com[1]``. Axes are
-columns that vary together; rows are all combinations of the axes, the last axis fastest.
+A column is a parameter by its dotted name, or a component of a vector, ``body_b.com[1]``; in front
+may stand the name of a connector (study/variants.py). Axes are columns that vary together; rows are
+all combinations of the axes, the last axis fastest.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from cylconn_ros.errors import SceneError, StudyError
 from cylconn_ros.scene.parameter_file import parse
 from cylconn_ros.scene.scene import Scene, schema
-from cylconn_ros.scene.schema import show
+from cylconn_ros.scene.schema import Parameter, show
 
 Column = NDArray[Any]
 Axis = Mapping[str, Column]
@@ -90,11 +91,19 @@ def combine(axes: Sequence[Axis]) -> Rows:
         repeat = repeat // length if length else 0
         which = (np.arange(count) // max(repeat, 1)) % max(length, 1)
         for name, values in axis.items():
-            whole = {split(one)[0] for one in columns}
-            if name in columns or split(name)[0] in columns or name in whole:
-                raise StudyError(f"{name}: is varied twice")
+            other = next((one for one in columns if _overlap(name, one)), None)
+            if other is not None:
+                also = "" if other == name else f", also as {other}"
+                raise StudyError(f"{name}: is varied twice{also}")
             columns[name] = values[which]
     return Rows(columns, count)
+
+
+def _overlap(one: str, other: str) -> bool:
+    """Whether two columns change the same number; no connector and no component mean all."""
+    pairs = list(zip(place_of(one), place_of(other), strict=True))
+    same_parameter = pairs[1][0] == pairs[1][1]
+    return same_parameter and all(x == y or x in ("", None) or y in ("", None) for x, y in pairs)
 
 
 def split(name: str) -> tuple[str, int | None]:
@@ -103,9 +112,25 @@ def split(name: str) -> tuple[str, int | None]:
     return (found[1], int(found[2])) if found else (name, None)
 
 
+def place_of(name: str) -> tuple[str, str, int | None]:
+    """Connector, parameter and component of a column name.
+
+    The connector is '' for a parameter of all, or for none of the parameters that exist.
+    """
+    parameter, component = split(name)
+    connector, _, rest = parameter.partition(".")
+    own = parameter not in schema() and rest in schema()
+    return (connector, rest, component) if own else ("", parameter, component)
+
+
+def rules_of(name: str) -> Parameter:
+    """Rules of a column's parameter, which exists."""
+    return schema()[place_of(name)[1]]
+
+
 def known(name: str) -> str:
     """The column name, if there is such a parameter; raises StudyError with the nearest one."""
-    parameter, component = split(name)
+    _, parameter, component = place_of(name)
     rules = schema().get(parameter)
     if rules is None:
         near = difflib.get_close_matches(parameter, schema(), n=1)
@@ -121,8 +146,8 @@ def axis_of(name: str, values: Sequence[Any]) -> Axis:
     known(name)
     if any(isinstance(one, list | tuple | np.ndarray) for one in values):
         sizes = {len(one) if isinstance(one, list | tuple | np.ndarray) else 0 for one in values}
-        if schema()[split(name)[0]].kind != "vector" or split(name)[1] is not None:
-            raise StudyError(f"{name} = {show(values[0])}: must be {schema()[split(name)[0]].rule}")
+        if rules_of(name).kind != "vector" or split(name)[1] is not None:
+            raise StudyError(f"{name} = {show(values[0])}: must be {rules_of(name).rule}")
         if len(sizes) != 1 or 0 in sizes:
             raise StudyError(f"{name}: its values must be vectors of one length")
         return {
@@ -133,7 +158,7 @@ def axis_of(name: str, values: Sequence[Any]) -> Axis:
 
 def _column(name: str, values: Sequence[Any]) -> Column:
     """Values as an array of the parameter's type. Raises StudyError for one of another type."""
-    rules = schema()[split(name)[0]]
+    rules = rules_of(name)
     kind = rules.kind
     fitting = [v for v in values if _fits(v, kind)]
     if len(fitting) < len(values):
@@ -235,7 +260,7 @@ def _file(name: str, path: str) -> Axis:
     """Return the values of one parameter from a file: a value, or a vector, a line."""
     lines = _lines(path)
     first = 0 if _is_number(lines[0][0]) or len(lines) == 1 else 1  # a header
-    if schema()[split(name)[0]].kind in ("str", "words") and lines[0][0] != name:
+    if rules_of(name).kind in ("str", "words") and lines[0][0] != name:
         first = 0
     width = len(lines[first])
     rows = []
@@ -284,8 +309,7 @@ def wrong_value(rows: Rows) -> str:
     """
     first, why = len(rows), ""
     for name, values in rows.columns.items():
-        parameter, component = split(name)
-        rules = schema()[parameter]
+        component, rules = split(name)[1], rules_of(name)
         different, at = np.unique(values, return_index=True)
         for value, row in zip(different.tolist(), at.tolist(), strict=True):
             one = (rules.size or 1) * [value] if component is not None else value

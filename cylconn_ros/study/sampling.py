@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylconn_ros.errors import StudyError
-from cylconn_ros.scene.scene import schema
-from cylconn_ros.study.rows import Axis, known, split
+from cylconn_ros.study.rows import Axis, known, rules_of, split
 
 Array = NDArray[np.float64]
 
@@ -96,7 +95,7 @@ def read_distribution(text: str) -> tuple[str, Distribution]:
             f"{text}: must be NAME=KIND:NUMBERS with {forms} (SD > 0, LOW < HIGH); normal and "
             "lognormal may end in :LOW:HIGH, where they are cut off"
         ) from None
-    rules = schema()[split(name)[0]]
+    rules = rules_of(name)
     if rules.kind not in ("float", "vector") or (rules.kind == "vector" and split(name)[1] is None):
         hint = f"give a component, {name}[0]" if rules.kind == "vector" else "use --vary"
         raise StudyError(f"{name}: a distribution needs a number; {hint}")

@@ -16,16 +16,23 @@ from typing import TYPE_CHECKING, Any, overload
 import cylconn_ros
 from cylconn_ros.core.jit import CACHE_DIRECTORY
 from cylconn_ros.errors import SceneError, StudyError
-from cylconn_ros.scene import parameter_file
+from cylconn_ros.scene.multiple import ONE
 from cylconn_ros.scene.scene import Scene
 from cylconn_ros.simulation.run import Run
-from cylconn_ros.simulation.simulate import simulate, simulate_blocks
+from cylconn_ros.simulation.simulate import simulate
 from cylconn_ros.study.dataset import Dataset
 from cylconn_ros.study.executors import Engine, engine
-from cylconn_ros.study.outputs import DEFAULT, Outputs
-from cylconn_ros.study.rows import Axis, Rows, axis_of, changes, combine, wrong_value
+from cylconn_ros.study.outputs import DEFAULT
+from cylconn_ros.study.rows import Axis, Rows, axis_of, combine, wrong_value
 from cylconn_ros.study.run import Outcome, chunk_size, run
 from cylconn_ros.study.sampling import read_distribution, sample
+from cylconn_ros.study.variants import (
+    GroupRuns,
+    Scenes,
+    VariantOutputs,
+    Variants,
+    run_again,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -42,16 +49,17 @@ class Simulation:
 
     Attributes
     ----------
-        scene: that the rows change. duration: s, None: of the scene. names: of the outputs.
+        variants: the scenes that the rows change. duration: s, None: of the scene. names: of the
+            outputs.
     """
 
-    scene: Scene
+    variants: Variants
     duration: float | None
     names: tuple[str, ...]
 
     @cached_property
-    def _outputs(self) -> Outputs:
-        return Outputs(self.names)
+    def _outputs(self) -> VariantOutputs:
+        return self.variants.outputs(self.names)
 
     @property
     def outputs(self) -> Mapping[str, str]:
@@ -60,12 +68,11 @@ class Simulation:
 
     def __call__(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
         """Simulate a row. Raises SceneError if its scene cannot be simulated."""
-        scene = self.scene.replace(changes(self.scene, row))
-        return self._outputs.reduce(simulate_blocks(scene, self.duration))
+        return self._outputs.reduce(self.variants.of(row), self.duration)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is sent to workers: the fields."""
-        return {name: self.__dict__[name] for name in ("scene", "duration", "names")}
+        return {name: self.__dict__[name] for name in ("variants", "duration", "names")}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__dict__.update(state)
@@ -87,16 +94,19 @@ def describe(task: Simulation, rows: Rows, chunk: int) -> dict[str, Any]:
         "values": rows.digest(),
         "outputs": list(task.outputs),
         "duration": task.duration,
-        "scene": parameter_file.dump(task.scene),
+        "scene": task.variants.text(),
         "chunk": chunk,
     }
 
 
-def check_rows(scene: Scene, rows: Rows, used: Engine, progress: Progress | None = None) -> None:
-    """Make the scene of every row; raises StudyError with the first row that has none."""
+def check_rows(
+    variants: Variants, rows: Rows, used: Engine, progress: Progress | None = None
+) -> None:
+    """Make the scenes of every row; raises StudyError with the first row that has none."""
+    variants.check_names(rows.columns)
     _report(wrong_value(rows))
     if len(rows) <= _CHECKED_HERE:
-        _report(wrong_row(scene, 0, rows))
+        _report(wrong_row(variants, 0, rows))
         return
     pending: deque[tuple[int, Any]] = deque()
     firsts = iter(range(0, len(rows), _CHECK))
@@ -104,7 +114,7 @@ def check_rows(scene: Scene, rows: Rows, used: Engine, progress: Progress | None
         while True:
             while len(pending) < 3 * used.workers and (first := next(firsts, None)) is not None:
                 part = rows.part(first, first + _CHECK)
-                pending.append((first, used.submit(wrong_row, scene, first, part)))
+                pending.append((first, used.submit(wrong_row, variants, first, part)))
             if not pending:
                 return
             first, future = pending.popleft()
@@ -113,14 +123,14 @@ def check_rows(scene: Scene, rows: Rows, used: Engine, progress: Progress | None
                 progress(min(first + _CHECK, len(rows)), len(rows))
     except BrokenExecutor:
         used.renew()
-        _report(wrong_row(scene, 0, rows))
+        _report(wrong_row(variants, 0, rows))
 
 
-def wrong_row(scene: Scene, first: int, rows: Rows) -> str:
+def wrong_row(variants: Variants, first: int, rows: Rows) -> str:
     """Name the first row, counted from ``first``, that makes no scene, and why; '' if all do."""
     for k in range(len(rows)):
         try:
-            scene.replace(changes(scene, rows.row(k)))
+            variants.of(rows.row(k))
         except SceneError as error:
             return f"row {first + k}: {error}"
     return ""
@@ -182,16 +192,21 @@ class Sweep:
         """All rows, or some of their columns, as a pandas DataFrame."""
         return self.dataset.table(columns).to_pandas()
 
-    def scene(self, row: int) -> Scene:
-        """The scene of a row. Raises StudyError if the row is not written."""
-        description = self.dataset.description
-        base = Scene.from_parameters(parameter_file.parameters_of(description["scene"]))
-        values = self.dataset.row(row)
-        return base.replace(changes(base, {name: values[name] for name in description["columns"]}))
+    def scenes(self, row: int) -> Scenes:
+        """The scenes of a row by connector; the name is "" if there is one without a name.
 
-    def run(self, row: int) -> Run:
-        """Simulate a row again: the whole run whose outputs the row holds."""
-        return simulate(self.scene(row), self.dataset.description["duration"])
+        Raises StudyError if the row is not written.
+        """
+        description, values = self.dataset.description, self.dataset.row(row)
+        varied = {name: values[name] for name in description["columns"]}
+        return Variants.read(description["scene"]).of(varied)
+
+    def run(self, row: int) -> Run | GroupRuns:
+        """Simulate a row again: the whole run whose outputs the row holds.
+
+        Of several connectors: a run of each group that shares bodies, by the connectors' names.
+        """
+        return run_again(self.scenes(row), self.dataset.description["duration"])
 
 
 def into_dataset(
@@ -213,7 +228,7 @@ def into_dataset(
     if dataset.description:
         dataset.begin(describe(task, rows, 0))
     else:
-        check_rows(task.scene, rows, used, checking)
+        check_rows(task.variants, rows, used, checking)
         seconds = cost(task, rows)
         size = chunk or chunk_size(seconds, len(rows), used.workers)
         dataset.begin(describe(task, rows, size))
@@ -233,7 +248,7 @@ def sweep(
 
 @overload
 def sweep(
-    scene: Scene,
+    scene: Scene | Scenes,
     vary: Mapping[str, Sequence[Any]] | None = None,
     duration: float | None = None,
     *,
@@ -252,7 +267,7 @@ def sweep(
 
 
 def sweep(
-    scene: Scene,
+    scene: Scene | Scenes,
     vary: Mapping[str, Sequence[Any]] | None = None,
     duration: float | None = None,
     *,
@@ -273,6 +288,7 @@ def sweep(
     Without ``output`` the runs are returned, whole; with it, each run becomes a row of a dataset.
 
     Args:
+        scene: or, with ``output``, those of several connectors by name.
         vary: dotted parameter names and the values of each; the last name varies fastest.
         duration: s, as for :func:`simulate`. workers: tasks at a time; by default one per core.
         progress: called with (done, total) runs.
@@ -296,12 +312,15 @@ def sweep(
         print(found.to_dataframe(["friction.coefficient", "stop_time"]))
     """
     if output is None:
+        if not isinstance(scene, Scene):
+            raise StudyError("several connectors: give output, the folder of the dataset")
         return _in_memory(scene, vary or {}, duration, workers, progress)
+    variants = Variants({ONE: scene} if isinstance(scene, Scene) else dict(scene))
     axes = [axis_of(name, values) for name, values in (vary or {}).items()]
     rows = sweep_rows(
         axes, distributions, sample, correlations=correlations, design=design, seed=seed
     )
-    task = Simulation(scene, duration, tuple(outputs))
+    task = Simulation(variants, duration, tuple(outputs))
     with engine(scheduler, workers) as used:
         return into_dataset(task, rows, output, used, chunk=chunk, progress=progress)
 

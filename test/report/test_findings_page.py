@@ -39,7 +39,7 @@ report.ready.then((built) => {
 MISSING = """
 (async () => {
   const found = [];
-  const opaque = new Set(["line", "dashed", "means", "open", "diamonds"]);
+  const opaque = new Set(["line", "dashed", "steps", "means", "open", "diamonds"]);
   const canvas = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
   const number = (colour) => {
     canvas.fillStyle = colour;

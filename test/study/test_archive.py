@@ -9,7 +9,7 @@ from paths import ROOT
 
 from cylconn_ros.cli.main import main
 from cylconn_ros.errors import StudyError
-from cylconn_ros.study.bags import find_bags
+from cylconn_ros.study.archive.bags import find_bags
 from cylconn_ros.study.dataset import Dataset
 
 GOLDEN = ROOT / "bags"

@@ -20,6 +20,7 @@ from cylconn_ros.study.executors import Engine, Here, Processes
 from cylconn_ros.study.rows import Rows, read_axis
 from cylconn_ros.study.run import chunk_size, run
 from cylconn_ros.study.sweep import Sweep, sweep_rows
+from cylconn_ros.study.variants import Variants
 
 VARY = {"friction.coefficient": np.linspace(0.1, 0.4, 8).tolist(), "body_b.mass": [1.0, 2.0, 3.0]}
 OUTPUTS = ("displacement.end", "stop_time", "normal_force.max")
@@ -110,7 +111,7 @@ def test_a_wrong_row_is_named_before_anything_runs(tmp_path: Path) -> None:
     rows = sweep_rows([read_axis(f"@{table}")])
     from cylconn_ros.study.sweep import Simulation, into_dataset
 
-    task = Simulation(bundled("coast"), 0.01, ("jam",))
+    task = Simulation(Variants({"": bundled("coast")}), 0.01, ("jam",))
     with pytest.raises(
         StudyError, match=r"^row 7341: friction.coefficient = -0.1: must be .*; nothing was run$"
     ):

@@ -25,6 +25,7 @@ from cylconn_ros.recording.metadata import TopicInfo
 from cylconn_ros.recording.writer import RunWriter
 from cylconn_ros.replay.replay import Item, Replay
 from cylconn_ros.ros.plant.exchange import Exchange, PlantCounts
+from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.scene import Scene
 
 INPUTS, ALL, ODOMETRY = "inputs only", "inputs and outputs", "odometry"
@@ -131,8 +132,9 @@ def record(path: Path, case: StepCase, scene: Scene, messages: int, outputs: boo
     output_topics = [_resolved(name) for name, _ in OUTPUTS] if outputs else []
     if outputs:
         topics += [TopicInfo(_resolved(name), kind) for name, kind in OUTPUTS]
+    metadata = {"parameters": parameter_file.dump(scene), "method": Connector(scene).method}
     period, count, k = round(scene.period * 1e9), 0, 0
-    with RunWriter(path, topics, {}) as writer:
+    with RunWriter(path, topics, metadata) as writer:
         while count < messages:
             stamp, sample = period * (k + 1), case.samples[k % len(case.samples)]
             for name, data in exchange.messages(stamp, np.ascontiguousarray(sample[layout.MOTION])):

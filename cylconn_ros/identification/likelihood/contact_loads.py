@@ -101,18 +101,7 @@ class Calibrated:
         across = loads.gradient @ w.covariance  # (n, 2, 6)
         noise = across @ loads.gradient.transpose(0, 2, 1)
         both = across[:, :, [0, 3]]  # (n, load, force)
-        mean, used = _means(x, w.rates, radius)
-        # Scaled, since a force and a moment differ in size and unit.
-        unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max())
-        unit = np.where(unit > 0.0, unit, 1.0)  # loads that do not press are zero
-        rest = (x - mean) / unit
-        total = rest.T @ rest / (len(x) - used)
-        white = (noise / np.outer(unit, unit)).mean(axis=0)
-        sizes, axes = np.linalg.eigh(total - white)
-        # A variance that may be that of the noise is none.
-        least = BEYOND * np.sqrt(2.0 / len(x)) * np.einsum("ik,ij,jk->k", axes, white, axes)
-        sizes = np.where(sizes > least, sizes, 0.0)
-        true = (axes * sizes) @ axes.T * np.outer(unit, unit)
+        mean, true, unit = _moments(x, noise, _columns(w.rates, radius))
         inverse = np.linalg.inv((true + noise) / np.outer(unit, unit) + 1e-15 * np.eye(2))
         inverse /= np.outer(unit, unit)
         gain = true @ inverse  # (n, 2, 2)
@@ -171,20 +160,51 @@ class Calibrated:
         return dataclasses.replace(self, windows=self.windows.take(rows), **parts)
 
 
-def _means(x: Array, rates: Array, radius: float) -> tuple[Array, int]:
-    """Return the mean loads (n, 2) at the slip of each window, and how many parameters they have.
+def _columns(rates: Array, radius: float) -> Array:
+    """Return the functions (n, k) of the slip in which mean loads are linear.
 
-    They are linear in functions of the slip's direction and of its rate, which change most where it
-    is slow.
+    They are functions of its direction and of its rate, which change most where it is slow.
     """
     size, cos, sin = slip(rates, radius)
     slow = size / (size + SLOW * float(np.median(size)) + 1e-300)
-    columns = [np.ones(len(x)), slow, slow * slow, cos, sin, cos * cos]
-    if len(x) < WINDOWS_EACH * len(columns):
+    columns = [np.ones(len(rates)), slow, slow * slow, cos, sin, cos * cos]
+    if len(rates) < WINDOWS_EACH * len(columns):
         columns = columns[:1]
-    design = np.stack(columns, axis=1)
-    mean = design @ (np.linalg.pinv(design, rcond=1e-6) @ x)
-    return mean, len(columns)
+    return np.stack(columns, axis=1)
+
+
+def _moments(x: Array, noise: Array, design: Array) -> tuple[Array, Array, Array]:
+    """Return the means (n, 2) of loads, their covariance (2, 2) beyond noise, and units (2,).
+
+    ``noise`` (n, 2, 2) differs between windows: 125 times in force from the longest to the shortest
+    ones of a recording. Each window has the weight of the inverse of its variance, else a few short
+    ones decide.
+    """
+    # Scaled, since a force and a moment differ in size and unit.
+    unit = np.maximum(np.sqrt(x.var(axis=0)), 1e-12 * np.abs(x).max())
+    unit = np.where(unit > 0.0, unit, 1.0)  # loads that do not press are zero
+    scaled, white = x / unit, noise / np.outer(unit, unit)
+    own = np.diagonal(white, axis1=1, axis2=2)
+    weights = 1.0 / np.where(own > 0.0, own, 1.0)
+    for _ in range(2):  # at first as if the loads did not change
+        root = np.sqrt(weights / weights.mean(axis=0))
+        mean = np.empty_like(x)
+        for k in range(2):
+            by = root[:, k : k + 1]
+            mean[:, k] = design @ (
+                np.linalg.pinv(by * design, rcond=1e-6) @ (by[:, 0] * scaled[:, k])
+            )
+        rest = root * (scaled - mean)
+        total = rest.T @ rest / (len(x) - design.shape[1])
+        usual = (root[:, :, None] * white * root[:, None, :]).mean(axis=0)
+        sizes, axes = np.linalg.eigh(total - usual)
+        # A variance that may be that of the noise is none.
+        least = BEYOND * np.sqrt(2.0 / len(x)) * np.einsum("ik,ij,jk->k", axes, usual, axes)
+        sizes = np.where(sizes > least, sizes, 0.0)
+        true = (axes * sizes) @ axes.T
+        variance = np.diag(true) + own
+        weights = 1.0 / np.where(variance > 0.0, variance, 1.0)
+    return mean * unit, true * np.outer(unit, unit), unit
 
 
 def well_above_noise(w: Windows, loads: ContactLoads) -> NDArray[np.bool_]:

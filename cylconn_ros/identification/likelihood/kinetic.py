@@ -11,7 +11,7 @@ fit is, because ``E[de/dmu e]`` does not vanish.
 
 The fit solves the score of the mean with V of the law itself (iteratively reweighted Gauss-Newton):
 it is unbiased also if the noise is not as assumed. -ln L compares laws. Confidence intervals use
-the spread of the windows' own scores (sandwich covariance with leverages) and Student's t.
+the spread of the windows' own scores (:mod:`sandwich`) and Student's t.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from cylconn_ros.core.jit import COMPILED
 from cylconn_ros.errors import IdentifyError
-from cylconn_ros.identification.likelihood import search_kernel
+from cylconn_ros.identification.likelihood import sandwich, search_kernel
 from cylconn_ros.identification.likelihood.contact_loads import Calibrated
 from cylconn_ros.identification.likelihood.law import (
     DECAY,
@@ -61,7 +61,7 @@ class KineticFit:
         free: indices of law.NAMES that were estimated.
         covariance: (k, k) of the fitted vector.
         systematic: (k,) bound of the error by a relative error of SECOND_ORDER in every window.
-        freedom: degrees of freedom.
+        freedom: (k,) degrees of freedom of the variances.
         misfit: mean squared weighted residual.
         cost: -ln L.
         residuals: (n, 2) weighted residuals V^-1/2 e, along and across the slip.
@@ -71,10 +71,17 @@ class KineticFit:
     free: tuple[int, ...]
     covariance: Array = dataclasses.field(repr=False)
     systematic: Array = dataclasses.field(repr=False)
-    freedom: int
+    freedom: Array = dataclasses.field(repr=False)
     misfit: float
     cost: float
     residuals: Array = dataclasses.field(repr=False)
+
+    def half_widths(self, significance: float) -> Array:
+        """Half widths (k,) of the intervals of the fitted vector, from the noise alone."""
+        from scipy.stats import t
+
+        students = t.isf(0.5 * significance, self.freedom)
+        return np.asarray(students * np.sqrt(np.diag(self.covariance)))
 
     def deviation(self, k: int) -> float:
         """Standard deviation of an estimated parameter (index of NAMES)."""
@@ -257,14 +264,13 @@ def finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticFi
 
     Raises IdentifyError as ``fit_law``.
     """
-    n, k = len(data), len(chosen)
     scale = parameter_scales(data, law)[chosen]
     inverse, _ = factors(data, law)
     r = weighted_residuals(data, law, inverse)
     derivative = slopes_of(data, law, chosen)
     j = -np.einsum("nij,njk->nik", inverse, derivative) * scale
     bread = np.linalg.pinv(np.einsum("nia,nib->ab", j, j), rcond=1e-14)
-    covariance = sandwich_covariance(j, r, bread)
+    covariance = sandwich.covariance(j, r, bread)
     if not np.isfinite(covariance).all() or law.coefficient < 1e-6:
         raise IdentifyError("no friction shows: the traction does not oppose the slip")
     changed = dataclasses.replace(law, coefficient=law.coefficient * (1.0 + SECOND_ORDER))
@@ -275,8 +281,8 @@ def finished(data: Calibrated, law: FrictionLaw, chosen: list[int]) -> KineticFi
         free=tuple(chosen),
         covariance=covariance * np.outer(scale, scale),
         systematic=systematic * scale,
-        freedom=max(n - k, 1),
-        misfit=float(np.square(r).sum() / max(2 * n - k, 1)),
+        freedom=sandwich.degrees_of_freedom(j, bread),
+        misfit=float(np.square(r).sum() / max(r.size - len(chosen), 1)),
         cost=cost(data, law),
         residuals=r,
     )
@@ -295,14 +301,6 @@ def parameter_scales(data: Calibrated, law: FrictionLaw) -> Array:
     scales[VISCOUS_SPIN] = limit * law.radius / max(spin, 1e-12)
     scales[OFFSET] = limit
     return scales
-
-
-def sandwich_covariance(jacobian: Array, r: Array, bread: Array) -> Array:
-    """Return the HC3 covariance of a least-squares estimate, with blocks of two rows per window."""
-    leverage = np.einsum("nia,ab,njb->nij", jacobian, bread, jacobian)
-    left = np.linalg.solve(np.eye(2) * (1.0 + 1e-9) - leverage, r[:, :, None])[:, :, 0]
-    errors = np.einsum("nia,ni->na", jacobian, left) @ bread  # squared as a whole: no variance < 0
-    return np.asarray(errors.T @ errors)
 
 
 def predicted_deviations(data: Calibrated, law: FrictionLaw, free: Sequence[int]) -> Array:

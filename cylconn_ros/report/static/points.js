@@ -117,6 +117,7 @@ class PointPlot {
     const line = ({ glyph }) => (palette) => (glyph.line_color = palette[colour]);
     const fill = ({ glyph }) => (palette) => glyph.setv({ fill_color: palette[colour] });
     const [fx, fy, fl, fh] = ["x", "y", "low", "high"].map((field) => ({ field }));
+    if (kind === "steps") return [line(figure.step(fx, fy, "after", { source, line_width: 2 }))];
     if (kind === "line" || kind === "dashed") {
       return [line(figure.line(fx, fy, { source, line_width: 2, line_dash: kind === "dashed" ? [6, 4] : [] }))];
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cylconn_ros.errors import StudyError
-from cylconn_ros.study.bags import BAG
+from cylconn_ros.study.archive.bags import BAG
 from cylconn_ros.study.chunk import ERROR, STATUS
 from cylconn_ros.study.dataset import Dataset
 

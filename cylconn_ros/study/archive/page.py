@@ -10,10 +10,12 @@ import numpy as np
 
 from cylconn_ros.report.findings import Findings, Plot, Section, Series, Table
 from cylconn_ros.report.page import Fact, render_findings
-from cylconn_ros.study.bags import BAG, SIZE
+from cylconn_ros.study.archive.bags import BAG, SIZE
+from cylconn_ros.study.archive.compare import Change
+from cylconn_ros.study.archive.tasks import unit_of
 from cylconn_ros.study.chunk import ERROR, FAILED, STATUS
-from cylconn_ros.study.compare import Change
 from cylconn_ros.study.dataset import Dataset
+from cylconn_ros.study.shown import without_rounding
 
 _LISTED = 200  # recordings and changes that are listed
 _PLOTS = 6
@@ -101,19 +103,21 @@ def _values(rows: Sequence[Mapping[str, Any]], outputs: Sequence[str]) -> Sectio
                 if isinstance(row[name], int | float) and not isinstance(row[name], bool)
             ]
         )
-        values = values[np.isfinite(values)]
+        values = without_rounding(name, values[np.isfinite(values)])
         if not len(values):
             continue
+        unit = unit_of(name)
         low, middle, high = np.percentile(values, [5, 50, 95])
         table.append(
             [name, str(len(values)), f"{middle:.5g}", f"{low:.5g} … {high:.5g}",
-             f"{values.min():.5g} … {values.max():.5g}"]
+             f"{values.min():.5g} … {values.max():.5g}", unit]
         )  # fmt: skip
         if values.min() < values.max() and len(plots) < _PLOTS:
-            order = np.sort(values)
-            share = (np.arange(len(order)) + 0.5) / len(order)
-            plot = [Series("recordings", "blue", "line", order, share)]
-            plots.append(Plot(f"v{len(plots)}", name, name, "share of the recordings", plot))
-    head = ("quantity", "recordings", "median", "90 % within", "all within")
+            order, counts = np.unique(values, return_counts=True)
+            share = np.r_[0.0, np.cumsum(counts) / len(values)]
+            plot = [Series("recordings", "blue", "steps", np.r_[order[:1], order], share)]
+            axis = f"{name}, {unit}" if unit else name
+            plots.append(Plot(f"v{len(plots)}", name, axis, "share of the recordings", plot))
+    head = ("quantity", "recordings", "median", "90 % within", "all within", "unit")
     text = "Plots show the share of the recordings whose value is at most that on the x axis."
     return Section("values", "Values", text, table=Table(head, table), plots=plots)

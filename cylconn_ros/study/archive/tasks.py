@@ -32,9 +32,31 @@ from cylconn_ros.replay.replay import Item, Replay
 from cylconn_ros.replay.together import ReplayTogether
 from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.scene import Scene
-from cylconn_ros.study.bags import PATH, local
+from cylconn_ros.study.archive.bags import PATH, local
 
 _COMMON = {"passed": "bool", "problem": "string", "samples": "int64"}
+
+UNITS: Mapping[str, str] = {
+    "duration": "s",
+    "stop_time": "s",
+    "displacement.end": "m",
+    "rotation.end": "rad",
+    "offset_violation.max": "m",
+    "angular_violation.max": "rad",
+    "normal_force.max": "N",
+    "noise": "m/s",
+    "preload": "N",
+    "overlap": "m",
+    "radius": "m",
+    "c1": "N.s/m",
+    "cr1": "N.m.s",
+}
+"""Units of the outputs; what is not here is a number without a unit."""
+
+
+def unit_of(output: str) -> str:
+    """Unit of an output or of an end of its interval; '' for a number without a unit."""
+    return UNITS.get(output, UNITS.get(output.removesuffix(".low").removesuffix(".high"), ""))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Cost of sweeps and archives, and where what runs them saturates."""
