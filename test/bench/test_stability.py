@@ -39,6 +39,8 @@ def verdict(row: str, grade: str, solver: str) -> Verdict:
 NOT_YET = {
     ("twist too large, %", "100"),  # a method that relies on its rates
     ("twist too small, %", "100"),
+    # Motion and energy keep the criteria; the law of the constraint has a residual of 8e-4.
+    ("arm/radius of gyration", "1"),
 }
 # Not guaranteed: beyond ω h = 0.5; a delay with `latency` 0.
 NOT_GUARANTEED = {
