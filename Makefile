@@ -10,13 +10,13 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH AMENT_CURRENT_PREFIX C
 help:
 	@echo "make demo     run plant and connector over ROS 2 topics and check the recorded run"
 	@echo "make test     check format, lint and types, run all tests"
-	@echo "make bench    measure all methods and other simulators, half an hour; results in bench/"
+	@echo "make bench    measure everything, 40 minutes; results in bench/, tables and pictures in docs/"
 	@echo "make docs     build the documentation site into build/docs"
 	@echo "make prepare  only install what the others need, with all tools, into .venv"
 	@echo "make clean    remove .venv and everything built (recorded runs stay)"
 	@echo
 	@echo "Each target installs what it needs into .venv; 'source .venv/bin/activate' puts cylconn on your PATH."
-	@echo "PYTHON=python3.12 selects the Python (3.10 to 3.13); ARGS=\"...\" goes to cylconn demo, bench precision or pytest."
+	@echo "PYTHON=python3.12 selects the Python (3.10 to 3.13); ARGS=\"...\" goes to cylconn demo, bench all or pytest."
 
 demo:
 	@sh scripts/prepare.sh demo
@@ -27,10 +27,7 @@ test: prepare
 
 bench:
 	@sh scripts/prepare.sh bench
-	@mkdir -p bench
-	@.venv/bin/cylconn bench precision -o bench/precision-$$(date -u +%Y%m%dT%H%M%SZ).json \
-	  --pictures bench $(ARGS)
-	@.venv/bin/cylconn bench model -o bench/model-$$(date -u +%Y%m%dT%H%M%SZ).json
+	@.venv/bin/cylconn bench all --document docs --pictures docs/pictures $(ARGS)
 
 docs:
 	@sh scripts/prepare.sh docs

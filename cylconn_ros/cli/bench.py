@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cylconn_ros.cli import scenes
+from cylconn_ros.cli import bench_files, scenes
 from cylconn_ros.cli.benchmarks import BENCHMARKS, Benchmark
 from cylconn_ros.errors import CommandError
 from cylconn_ros.scene.scene import Scene, load
@@ -29,27 +29,45 @@ if TYPE_CHECKING:  # importing a benchmark imports the compiler, which --help do
     from cylconn_ros.bench.common.results import Findings, Report
     from cylconn_ros.bench.common.settings import Settings
 
+ALL = "all"
+"""Name of the run of all benchmarks (``bench_all``)."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command, and list the benchmarks in its description."""
     parser.description = f"{parser.description or ''}\n\nBenchmarks:\n{_listed()}"
-    parser.add_argument("what", choices=BENCHMARKS, metavar="BENCHMARK", help="name from the list")
+    parser.add_argument(
+        "what", choices=[*BENCHMARKS, ALL], metavar="BENCHMARK", help="name from the list, or all"
+    )
     parser.add_argument("--quick", action="store_true", help="short form with rough numbers")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="keep the results (new .json file)"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="keep the results (new .json file); of all: the folder of the run (bench/run-SOURCES)",
     )
     parser.add_argument(
-        "--document", type=Path, metavar="FILE", help="put the results into this Markdown page"
+        "--document",
+        type=Path,
+        metavar="FILE",
+        help="put the results into this Markdown page; of all: the folder docs",
     )
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR", help="draw the results (precision and stability)"
     )
     parser.add_argument(
         "--from", dest="kept", type=Path, metavar="FILE",
-        help="measure nothing: print, document and draw the results in FILE",
+        help="measure nothing: print, document and draw the results in FILE (all: in a folder)",
     )  # fmt: skip
     parser.add_argument(
-        "--samples", type=int, metavar="N", help="samples of soak (2000000; --quick: 20000)"
+        "--samples",
+        type=int,
+        metavar="N",
+        help="samples of soak (2000000; --quick: 20000) or draws of identification (200)",
+    )
+    parser.add_argument(
+        "--anew", action="store_true", help="of all: measure again what is already measured"
     )
     parser.add_argument("--strict", action="store_true", help="fail if a target is missed")
 
@@ -60,114 +78,89 @@ def _listed() -> str:
     for name, benchmark in BENCHMARKS.items():
         text = " ".join(inspect.cleandoc(benchmark.__doc__ or "").split())
         lines += textwrap.wrap(f"  {name:<15}{text}", 79, subsequent_indent=" " * 17)
+    text = (
+        "All of them, one after the other, in at most 40 minutes on two idle cores; the long ones "
+    )
+    text += (
+        "(faults, free_running, soak, identification) in a short form. Continues a run that was "
+    )
+    text += "interrupted."
+    lines += textwrap.wrap(f"  {ALL:<15}{text}", 79, subsequent_indent=" " * 17)
     return "\n".join(lines)
 
 
 def run(options: argparse.Namespace) -> int:
     """Measure or read results, print them and keep them as asked; 1 if one is missing."""
+    if options.what == ALL:
+        from cylconn_ros.cli import bench_all
+
+        return bench_all.run(options)
     from cylconn_ros.bench.common import report as reports
 
-    command = f"cylconn bench {options.what}"
     bench = BENCHMARKS[options.what]()
-    _check_files(bench, options, command)
+    if options.pictures is not None and bench.draw is None:
+        raise CommandError("--pictures: only precision and stability have pictures")
+    if options.output is not None:
+        bench_files.check_new(options.output)
     if options.kept is not None:
-        report = _read(options.kept, command)
+        report = bench_files.read_results(options.kept, f"cylconn bench {options.what}")
+        command = report.command
     else:
+        command = _command(options)
+    if options.document is not None:
+        bench_files.check_page(options.document, command)
+    if options.kept is None:
         report = _measured(bench, options, command)
     text = reports.text(report, bench.body)
     encoding = sys.stdout.encoding or "ascii"
     print(text.encode(encoding, "replace").decode(encoding))
-    _keep(bench, options, command, text, report)
+    _keep(bench, options, text, report)
     for one in report.failed:
         print(f"could not be measured: {one.subject}: {one.reason}", file=sys.stderr)
     if options.output is None and options.kept is None:
         print("next: keep the results with -o FILE.json", file=sys.stderr)
     elif options.output is not None:
-        print(f"next: {command} --from {options.output}", file=sys.stderr)
+        print(f"next: cylconn bench {options.what} --from {options.output}", file=sys.stderr)
     return int(bool(report.failed) or (options.strict and bool(report.missed)))
+
+
+def _command(options: argparse.Namespace) -> str:
+    """The command as results and pages state it: its name and what determines the extent."""
+    words = ["cylconn bench", options.what]
+    words += ["--quick"] if options.quick else []
+    words += [f"--samples {options.samples}"] if options.samples else []
+    return " ".join(words)
 
 
 def _measured(bench: Benchmark, options: argparse.Namespace, command: str) -> Report:
     """Measure all parts; sources that change during the measurement count as a failure."""
-    from cylconn_ros.bench.common import machine
+    from cylconn_ros.bench.common import sources
     from cylconn_ros.bench.common.results import NotMeasured, Report
     from cylconn_ros.bench.common.settings import Settings
 
     settings = (Settings.short if options.quick else Settings)(_bundled)
     settings = dataclasses.replace(settings, samples=options.samples)
-    report = Report(command + (" --quick" if options.quick else ""), settings.described())
+    before, report = sources.measured(), Report(command, settings.described())
     for name, part in bench.parts:
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         report.findings.add(attempt(name, part, settings))
-    if machine.describe()["cylconn_ros"] != report.machine["cylconn_ros"]:
+    if sources.measured() != before:
         reason = "the sources changed during the measurement: results are inconsistent"
         report.findings.not_measured.append(NotMeasured("all", "all", "failed", reason))
     return report
 
 
-def _read(file: Path, command: str) -> Report:
-    """Read kept results of the same command."""
-    from cylconn_ros.bench.common import results
-
-    try:
-        report = results.read(file)
-    except OSError as error:
-        raise CommandError(f"{file}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise CommandError(f"{file}: {error}") from None
-    if not report.command.startswith(command):
-        raise CommandError(f"{file}: holds results of {report.command}, not of {command}")
-    return report
-
-
-def _check_files(bench: Benchmark, options: argparse.Namespace, command: str) -> None:
-    """Raise CommandError before the measurement if a file cannot be written afterwards."""
-    from cylconn_ros.bench.common.report import replace_results
-
-    output: Path | None = options.output
-    page: Path | None = options.document
-    if options.pictures is not None and bench.draw is None:
-        raise CommandError("--pictures: only precision and stability have pictures")
-    if output is not None:
-        if output.suffix != ".json":
-            raise CommandError(f"{output}: results end in .json")
-        if output.exists():
-            raise CommandError(f"{output} exists; results are never overwritten")
-    if page is not None:
-        try:
-            replace_results(page.read_text(encoding="utf-8"), command, "")
-        except OSError as error:
-            raise CommandError(f"{page}: {error.strerror or error}") from None
-        except ValueError as error:
-            raise CommandError(f"{page}: {error}") from None
-
-
-def _keep(
-    bench: Benchmark, options: argparse.Namespace, command: str, text: str, report: Report
-) -> None:
+def _keep(bench: Benchmark, options: argparse.Namespace, text: str, report: Report) -> None:
     """Write results, page and pictures, as requested."""
-    from cylconn_ros.bench.common.report import replace_results
-
-    output: Path | None = options.output
-    page: Path | None = options.document
-    try:
-        if output is not None:
-            output.parent.mkdir(parents=True, exist_ok=True)
-            with output.open("x", encoding="utf-8") as file:
-                file.write(report.json())
-            print(f"kept        {output}")
-        if page is not None:
-            old = page.read_text(encoding="utf-8")
-            page.write_text(replace_results(old, command, text), encoding="utf-8")
-            print(f"document    {page}")
-        if options.pictures is not None and bench.draw is not None:
-            options.pictures.mkdir(parents=True, exist_ok=True)
-            files = bench.draw(options.pictures, report)
-            print("pictures    " + ", ".join(map(str, files)))
-    except OSError as error:
-        raise CommandError(f"{error.filename}: {error.strerror or error}") from None
-    except ImportError as error:
-        raise CommandError(f"--pictures: {error}; install it with pip install '.[demo]'") from None
+    if options.output is not None:
+        bench_files.write_results(options.output, report)
+        print(f"kept        {options.output}")
+    if options.document is not None:
+        bench_files.write_page(options.document, report.command, text)
+        print(f"document    {options.document}")
+    if options.pictures is not None:
+        files = bench_files.draw(bench, options.pictures, report)
+        print("pictures    " + ", ".join(map(str, files)))
 
 
 def attempt(name: str, part: Callable[[Settings], Findings], settings: Settings) -> Findings:

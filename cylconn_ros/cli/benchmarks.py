@@ -67,25 +67,25 @@ def _orders() -> Benchmark:
 
 
 def _precision() -> Benchmark:
-    """Error against CPU time on twelve scenes, for all methods and peer solvers.
+    """Error against CPU time on all its scenes, for all methods and peer solvers.
 
     Peers are MuJoCo, Drake, PyBullet, Pinocchio, Exudyn and SciPy in several configurations each
     (pip install '.[peers]').
     """
-    from cylconn_ros.bench.precision import run, text
+    from cylconn_ros.bench.precision import headline, run
 
-    return Benchmark([("all solvers on all scenes", run.measure)], text.body, _draw_precision)
+    return Benchmark([("all solvers on all scenes", run.measure)], headline.body, _draw_precision)
 
 
 def _draw_precision(folder: Path, report: Report) -> list[Path]:
-    """Draw the picture (PNG and SVG) and the interactive page."""
-    from cylconn_ros.bench.precision import page, picture
+    """Draw headline and panels (PNG and SVG), and the interactive page."""
+    from cylconn_ros.bench.precision import headline, page, picture
 
     pictures = [folder / f"precision.{end}" for end in ("png", "svg")]
     picture.draw(report.findings, pictures)
     interactive = folder / "precision.html"
     interactive.write_text(page.page(report), encoding="utf-8")
-    return [*pictures, interactive]
+    return [*headline.save(report.findings, folder), *pictures, interactive]
 
 
 def _model() -> Benchmark:

@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from paths import SOURCE
 from scenes import bundled
 
-import cylconn_ros
-from cylconn_ros.bench.common import machine, methods, report, timing
+from cylconn_ros.bench.common import methods, report, sources, timing
 from cylconn_ros.bench.common.errors import NotApplicableError
 from cylconn_ros.bench.common.results import (
     STEP,
@@ -242,24 +240,11 @@ def test_a_page_is_checked_before_measuring_and_written_afterwards(
     assert "processor" in page.read_text()
 
 
-def test_the_digest_covers_the_measured_packages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for package in machine.MEASURED_PACKAGES:
-        assert (SOURCE / package / "__init__.py").is_file(), package
-    monkeypatch.setattr(cylconn_ros, "__file__", str(tmp_path / "__init__.py"))
-    empty = machine.sources()
-    nested = tmp_path / "methods" / "minimal"
-    nested.mkdir(parents=True)
-    (nested / "events.py").write_text("EVENTS = 1\n")
-    assert machine.sources() != empty
-
-
 def test_sources_that_change_during_a_benchmark_fail_the_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def edit(_: Settings) -> Findings:
-        monkeypatch.setattr(machine, "sources", lambda: "others")
+        monkeypatch.setattr(sources, "measured", lambda: "others")
         return Findings()
 
     monkeypatch.setitem(BENCHMARKS, "kernel", lambda: Benchmark((("one", edit),)))

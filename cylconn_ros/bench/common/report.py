@@ -19,11 +19,36 @@ def text(report: Report, body: Callable[[Findings], str] | None = None) -> str:
         body: formats the measurements; by default one table per case.
     """
     found = report.findings
-    parts = [targets(found.targets)] if found.targets else []
+    parts = [provenance(report)]
+    parts += [targets(found.targets)] if found.targets else []
     parts.append((body or sections)(found))
     parts += [not_measured(found.not_measured)] if found.not_measured else []
     parts.append(conditions(report))
     return "\n\n".join(parts) + "\n"
+
+
+def provenance(report: Report) -> str:
+    """The line above the tables: kernel's digest, date, machine and the command that made them.
+
+    ``test/bench/test_documented.py`` reads it (:func:`stated_kernel`).
+    """
+    kernel = stated_kernel(report.machine.get("cylconn_ros", "")) or "unknown"
+    return (
+        f"Kernel {kernel}, {report.started[:10]}, {report.machine.get('processor', 'unknown')}; "
+        f"made by `{report.command}`."
+    )
+
+
+def stated_kernel(block: str) -> str:
+    """The kernel's digest that the results between two marks state; empty if they state none."""
+    found = re.search(r"\bkernel ([0-9a-f]{12})\b", block, re.IGNORECASE)
+    return found[1] if found else ""
+
+
+def blocks(page: str) -> dict[str, str]:
+    """The results in a page: text between the marks, by command."""
+    pattern = rf"<!-- (cylconn bench [^>]*?) -->(.*?){re.escape(END)}"
+    return {found[1]: found[2] for found in re.finditer(pattern, page, re.DOTALL)}
 
 
 def targets(found: Sequence[Target]) -> str:

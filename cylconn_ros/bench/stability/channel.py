@@ -41,6 +41,8 @@ class Faults:
         twist: relative error of the reported twist.
         pause, jump, restart, teleport: each once, at half of the duration.
         corrupt: NaN, infinity, "zero quaternion" or "denormal quaternion", in each field once.
+        lag: of a free-running plant, samples; negative: in lock step. lag_kind: of
+            :class:`cylconn_ros.bench.faults.free_running.Lag`.
         seed: of the random faults.
     """
 
@@ -55,12 +57,19 @@ class Faults:
     restart: bool = False
     teleport: bool = False
     corrupt: str = ""
+    lag: float = -1.0
+    lag_kind: str = "constant"
     seed: int = 7
 
     @property
     def any(self) -> bool:
         """Whether there is a fault."""
         return replace(self, seed=NONE.seed) != NONE
+
+    @property
+    def free_running(self) -> bool:
+        """Whether the plant does not wait."""
+        return self.lag >= 0.0
 
     @property
     def is_random(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cylconn_ros.bench.stability.channel import BAD, QUATERNIONS, Faults
 from cylconn_ros.bench.stability.criteria import ANY, RESTS, SLIDES
-from cylconn_ros.bench.stability.scenes import LENGTH, pair, sleeve
+from cylconn_ros.bench.stability.scenes import LENGTH, long_arm, pair, sleeve
 from cylconn_ros.scene.scene import Scene
 
 Kind = Literal["physical", "channel"]
@@ -58,7 +58,8 @@ class Condition:
 
 def conditions() -> list[Condition]:
     """All conditions, in the order of the map's rows."""
-    return [*_inertias(), *_motions(), *_friction(), *_geometry(), *_channels(), *_events()]
+    physical = [*_inertias(), *_motions(), *_friction(), *_geometry(), *_devices()]
+    return [*physical, *_channels(), *_free_running(), *_events()]
 
 
 def _over(
@@ -235,6 +236,57 @@ def _between_stops(restitution: float) -> Callable[[float], Scene]:
         return sleeve(velocity=speed, spin=0.0, com=(0.0, 0.0, 0.0), stops=stops, friction=rub)
 
     return at
+
+
+def _devices() -> Iterator[Condition]:
+    yield Condition(
+        "arm/radius of gyration", "physical", "a light body at an arm; ω h = 0.1, 1 ms",
+        _over((1.0, 2.0, 5.0, 10.0), long_arm),
+    )  # fmt: skip
+    yield Condition(
+        "load on a stop, m/s²", "physical", "pressed against a stop 5 cm away, friction",
+        _over((10.0, 1e3, 1e5), _pressed, RESTS),
+    )  # fmt: skip
+    yield Condition(
+        "changing overlap, m", "physical", "pulled out of its sleeve; overlap at the start",
+        _over((0.1, 0.03, 0.01), _pulled_out),
+    )  # fmt: skip
+    yield Condition(
+        "spring k h²/m", "physical", "a linear spring along the slide",
+        _over((1e-3, 1.0, 1e3), lambda x: sleeve(elasticity={"k1": 1e6 * x})),
+    )  # fmt: skip
+
+
+def _pressed(load: float) -> Scene:
+    stops = {"l_min": LENGTH - 0.05, "l_max": LENGTH + 0.05}
+    return sleeve(gravity=[load, 0.0, -G], spin=0.0, com=(0.0, 0.0, 0.0), stops=stops)
+
+
+def _pulled_out(overlap: float) -> Scene:
+    friction = {"overlap": overlap, "overlap_change": "decreasing", "overlap_min": 1e-3}
+    return sleeve(velocity=0.5, friction=friction)
+
+
+def _free_running() -> Iterator[Condition]:
+    kinds = (
+        ("constant", "constant, a fraction of a sample included"),
+        ("jitter", "lag of every sample ±50 %"),
+        ("stall", "stops of 50 ms every half second"),
+    )
+    for kind, about in kinds:
+        yield Condition(
+            f"free running, lag in samples, {kind}", "channel",
+            f"sleeve on a shaft; the plant does not wait, latency measured; {about}",
+            _lags(kind),
+        )  # fmt: skip
+
+
+def _lags(kind: str) -> Callable[[], Iterator[Case]]:
+    def cases() -> Iterator[Case]:
+        for lag in (0.3, 1.0, 2.5, 5.0):
+            yield Case(f"{lag:g}", sleeve(latency=-1), SLIDES, Faults(lag=lag, lag_kind=kind))
+
+    return cases
 
 
 def _channels() -> Iterator[Condition]:

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from cylconn_ros.bench.common.timing import Array
+from cylconn_ros.bench.faults.free_running import FreeRunningPlant, Lag
 from cylconn_ros.bench.stability.channel import JUMP, PAUSE, Channel, Faults, teleport
 from cylconn_ros.core import layout, plant
 from cylconn_ros.scene.packing import pack
@@ -53,6 +54,8 @@ class Trace:
 def closed_loop(scene: Scene, solver: SampleSolver, faults: Faults | None = None) -> Trace:
     """Run for the scene's duration; end early if a state is not finite."""
     faults = faults or Faults()
+    if faults.free_running:
+        return _free_running(scene, solver, faults)
     return _faulty(scene, solver, faults) if faults.any else _direct(scene, solver)
 
 
@@ -138,6 +141,25 @@ def _faulty(scene: Scene, solver: SampleSolver, faults: Faults) -> Trace:
         now, clock = now + h, clock + h
     diverged = not np.isfinite(bodies.state).all()
     return Trace(time[:done], states[:done], wrenches[:done], tuple(starts), diverged)
+
+
+def _free_running(scene: Scene, solver: SampleSolver, faults: Faults) -> Trace:
+    n, h, free = _steps(scene), scene.period, FreeRunningPlant(scene)
+    lag, random = Lag(faults.lag, faults.lag_kind), np.random.default_rng(faults.seed)
+    states, wrenches, sample = np.zeros((n, 26)), np.zeros((n, 12)), np.zeros(layout.NSAMPLE)
+    finite, done = True, n
+    for k in range(n):
+        sample[layout.MOTION], sample[layout.LOADS] = free.plant.state, free.plant.loads
+        states[k] = free.plant.state
+        wrenches[k] = solver.receive(round(k * h * 1e9), sample)
+        free.put(k, (k + lag.of_sample(k, h, n * h, random)) * h, wrenches[k].copy())
+        finite = free.move(k * h, h)
+        if not finite:
+            done = k + 1
+            break
+    return Trace(
+        h * np.arange(done, dtype=np.float64), states[:done], wrenches[:done], diverged=not finite
+    )
 
 
 def _sent_fields(scene: Scene) -> list[int]:

@@ -27,6 +27,8 @@ def simulate(scene: Scene, integrator: str, friction_loop: bool) -> Trace:
     """
     if scene.node_b.orientation:
         raise NotApplicableError("slide and hinge share one axis: no misalignment")
+    if scene.friction.overlap_change != "constant":
+        raise NotApplicableError("the friction limit has a constant overlap")
     solver = _Mujoco(scene, integrator)
     if friction_loop and not solver.law.on:
         raise NotApplicableError("no friction: no friction loop")

@@ -98,12 +98,30 @@ def body(found: Findings) -> str:
         failed.append((row.name, *(mark.failure for mark in line)))
     return "\n\n".join(
         (
+            "**Conditions survived**",
+            summary(stability_map),
             "**Hardest grade survived** (bold: all grades)",
             table(head, survived),
             "**First failure**",
             table(("", *stability_map.columns), [row for row in failed if any(row[1:])]),
         )
     )
+
+
+def summary(stability_map: Map) -> str:
+    """Table of the conditions that each solver survives in all grades, in some, and in none."""
+    rows = []
+    for column in stability_map.columns:
+        marks = [(row, stability_map.marks[row.name, column]) for row in stability_map.rows]
+        measured = [(row, mark) for row, mark in marks if mark.share == mark.share]
+        failed = [f"{row.name}: {mark.failure}" for row, mark in measured if mark.share == 0.0]
+        counts = [
+            sum(mark.share == 1.0 for _, mark in measured),
+            sum(0.0 < mark.share < 1.0 for _, mark in measured), len(failed), len(measured),
+        ]  # fmt: skip
+        rows.append((column, *map(str, counts), "; ".join(failed)))
+    head = ("", "all grades", "some", "none", "of conditions", "none of")
+    return table(head, rows)
 
 
 def draw(found: Findings, title: str = TITLE) -> Figure:

@@ -90,6 +90,28 @@ def pair(
     return _scene(values, duration, more)
 
 
+def long_arm(ratio: float) -> Scene:
+    """A body of radius of gyration 5 cm, on an arm ``ratio`` as long, turning with a heavy one.
+
+    No friction, no load; 100 rad/s at 1 ms.
+    """
+    turning, arm = np.full(3, 100.0 / math.sqrt(3.0)), np.array([0.0, 0.05 * ratio, 0.0])
+    values = {
+        "gravity": [0.0, 0.0, 0.0],
+        "body_a": {"kind": "free", "mass": 0.07,
+                   "inertia": [1.6e-4, 2e-5, 0.0, 1.8e-4, 1e-5, 2.2e-4]},
+        "body_b": {"mass": 40.0, "inertia": [3.6, 0.4, 0.0, 3.5, 0.1, 2.8]},
+        "node_a": {"position": arm.tolist()},
+        "friction": {"coefficient": 0.0},
+        "plant": {
+            "body_a": {"twist": [*np.cross(turning, -arm).tolist(), *turning.tolist()]},
+            "body_b": {"pose": [*arm.tolist(), 0.0, 0.0, 0.0, 1.0],
+                       "twist": [0.0, 0.0, 0.0, *turning.tolist()]},
+        },
+    }  # fmt: skip
+    return _scene(values, 0.5, {})
+
+
 def _scene(values: dict[str, Any], duration: float, more: dict[str, Any]) -> Scene:
     common = {
         "wrench": {"axes": "world", "point": "com"},

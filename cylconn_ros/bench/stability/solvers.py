@@ -10,6 +10,7 @@ import numpy as np
 from cylconn_ros.bench.common.errors import NotApplicableError
 from cylconn_ros.bench.common.methods import with_method
 from cylconn_ros.bench.common.timing import Array
+from cylconn_ros.bench.stability.careful import CarefulNode
 from cylconn_ros.bench.stability.channel import Faults
 from cylconn_ros.bench.stability.loop import Trace, closed_loop, loads_of
 from cylconn_ros.bench.stability.naive import NaivePenalty
@@ -21,6 +22,7 @@ from cylconn_ros.methods.traits import SOLVERS, TRAITS
 from cylconn_ros.scene.scene import Scene
 
 OFFLINE = "minimal offline"
+CAREFUL = "careful user"
 NAIVE = "naive penalty"
 MUJOCO, MUJOCO_LOOP = "MuJoCo", "MuJoCo loop"
 INTEGRATORS = ("implicitfast", "RK4")
@@ -89,6 +91,7 @@ def solvers() -> list[Solver]:
         Solver(OFFLINE, "no wrench: integrated in joint coordinates to 1e-8", (_offline,)),
         *methods[1:],
         Solver(NAIVE, "the same springs, friction mu FN tanh(|s|/1 mm/s)", (_naive,)),
+        Solver(CAREFUL, "impulses, friction of the last step's reaction, damped", (_careful,)),
         Solver(
             MUJOCO,
             "slide and hinge, frictionloss of the start; the better of implicitfast and RK4",
@@ -127,7 +130,13 @@ def _with_unknown_inertia(scene: Scene) -> Scene:
 def _naive(scene: Scene, faults: Faults) -> Trace:
     if scene.latency > 0:
         raise NotApplicableError("has no latency compensation")
+    if scene.elasticity.k1 > 0.0 or scene.friction.overlap_change != "constant":
+        raise NotApplicableError("has no spring of the slide and no changing overlap")
     return closed_loop(scene, NaivePenalty(with_method(scene, "penalty")), faults)
+
+
+def _careful(scene: Scene, faults: Faults) -> Trace:
+    return closed_loop(scene, CarefulNode(scene), faults)
 
 
 def _require_no_faults(faults: Faults) -> None:
