@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.bench.common.frames import rotation
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, check_plain
 from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.scene.scene import Body
 
@@ -30,6 +30,7 @@ class DrakeSolver:
         self.plants = package("pydrake.multibody.plant")
         self.analysis = package("pydrake.systems.analysis")
         self.problem, scene = problem, problem.scene
+        check_plain(scene)
         self.joint, self.law = Joint(scene), Coulomb(scene)
         self.stops, self.spring = Stops(scene), Spring(scene)
         self.plant = self._build(problem.value if discrete else 0.0)

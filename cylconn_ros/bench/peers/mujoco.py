@@ -5,7 +5,7 @@
   of its speed.
 - loop: before each step ``frictionloss`` from the reaction of the last step, split between slide
   and hinge in proportion to the slip. MuJoCo's solver then sticks or slips implicitly. The loop is
-  compiled (peers/compiled.py) and calls MuJoCo's C functions.
+  compiled (peers/compiled/mujoco.py) and calls MuJoCo's C functions.
 
 A fourth configuration is this package's friction in MuJoCo's own loop (:mod:`.mujoco_friction`).
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from cylconn_ros.bench.common.errors import NotApplicableError
 from cylconn_ros.bench.peers.common import Coulomb, Course, Spring, Stops
-from cylconn_ros.bench.peers.compiled import REST_SPEED, mujoco_loop
+from cylconn_ros.bench.peers.compiled.mujoco import REST_SPEED, mujoco_loop
 from cylconn_ros.bench.peers.mujoco_scene import MujocoScene
 from cylconn_ros.bench.peers.solver import (
     EndState,
@@ -43,7 +43,7 @@ class MujocoSolver(MujocoScene):
 
     def __init__(self, problem: Problem, integrator: str, limits: bool) -> None:
         scene = problem.scene
-        attributes = _slide_attributes(scene, problem.value, limits)
+        attributes = slide_attributes(scene, problem.value, limits)
         super().__init__(scene, 0.0, integrator, problem.value, attributes)
         if scene.friction.on:
             self.harden_friction()
@@ -117,7 +117,7 @@ class MujocoSolver(MujocoScene):
         return self.end_state
 
 
-def _slide_attributes(scene: Scene, h: float, limits: bool) -> str:
+def slide_attributes(scene: Scene, h: float, limits: bool) -> str:
     """MJCF attributes of the slide for its spring and stops; h: the step, s."""
     attributes = []
     spring = Spring(scene)
@@ -165,6 +165,8 @@ _CALIBRATED: dict[tuple[object, ...], float] = {}
 def _calibrated(integrator: str, problem: Problem) -> Solve:
     if not problem.scene.friction.on:
         raise NotApplicableError("no friction: nothing to calibrate")
+    if not problem.calibration:
+        raise NotApplicableError("no solution of a slower form of the scene to calibrate with")
     key = problem.name, problem.duration, *problem.calibration.values()
     if key not in _CALIBRATED:
         _CALIBRATED[key] = calibrate(

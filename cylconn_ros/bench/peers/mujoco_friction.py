@@ -1,17 +1,21 @@
 """MuJoCo keeps the joint, this package computes its friction: :class:`cylconn_ros.mujoco.Friction`.
 
-The same MuJoCo model as in the other configurations, but without joint friction, springs and stops:
-these are in the scene. One call from Python per step, as in a user's loop.
+The same MuJoCo model with its springs as in the other configurations. Friction and stops are those
+of the scene. One call from Python per step, as in a user's loop.
 """
 
 from __future__ import annotations
 
+import dataclasses
+
 from cylconn_ros.bench.common.errors import NotApplicableError
 from cylconn_ros.bench.peers.common import Course
+from cylconn_ros.bench.peers.mujoco import slide_attributes
 from cylconn_ros.bench.peers.mujoco_scene import MujocoScene
 from cylconn_ros.bench.peers.solver import EndState, Problem, Solve, Solver
 from cylconn_ros.errors import SceneError
 from cylconn_ros.mujoco.friction import Friction
+from cylconn_ros.scene.behaviour import Damping, Elasticity
 
 
 class InMujoco(MujocoScene):
@@ -21,13 +25,16 @@ class InMujoco(MujocoScene):
     """
 
     def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.scene, 0.0, "implicitfast", problem.value)
+        attributes = slide_attributes(problem.scene, problem.value, limits=False)
+        super().__init__(problem.scene, 0.0, "implicitfast", problem.value, attributes)
         self.course = Course(problem.scene, problem.value, problem.steps)
         if self.course.moves:
             raise NotApplicableError("Friction has no preload that changes over time")
+        springs = {"elasticity": Elasticity(), "damping": Damping()}
+        scene = dataclasses.replace(problem.scene, **springs)
         try:
             self.friction = Friction(
-                self.model, self.data, slide="slide", hinge="spin", scene=problem.scene
+                self.model, self.data, slide="slide", hinge="spin", scene=scene
             )
         except SceneError as error:
             raise NotApplicableError(str(error)) from None

@@ -10,12 +10,12 @@ from cylconn_ros.bench.peers import (
     ours,
     pinocchio,
     pybullet,
-    scipy,
 )
+from cylconn_ros.bench.peers.equations import solvers as equations
 from cylconn_ros.bench.peers.solver import Solver
 
 SOLVERS: dict[str, Solver] = {
     solver.name: solver
-    for module in (ours, scipy, mujoco, mujoco_friction, drake, pinocchio, pybullet, exudyn)
+    for module in (ours, equations, mujoco, mujoco_friction, drake, pinocchio, pybullet, exudyn)
     for solver in module.SOLVERS
 }
