@@ -71,6 +71,11 @@ class Case:
     published: tuple[str, float] | None = None
     group: bool = False
 
+    @property
+    def events(self) -> bool:
+        """Whether friction or stops act."""
+        return self.name not in ("free_slide", "free_flight")
+
 
 def spin_radius(scene: Scene) -> float:
     """Radius (m) that converts spin to a distance."""

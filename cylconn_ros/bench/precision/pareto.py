@@ -21,6 +21,7 @@ SAME_COST = 1.1  # spread of the clock
 LIMIT_REACTION_DEPENDENT = 1e-2  # of the error ratio if friction depends on changing reactions
 SMALL_ERROR = 1e-10  # m
 COST_LIMIT_SCIPY = 0.05  # minimal's CPU time over SciPy's
+IMPULSE = "impulse"
 MINIMAL, SCIPY, MUJOCO = "minimal", "SciPy DOP853", "MuJoCo RK4, constant"
 
 
@@ -140,6 +141,9 @@ def targets(found: Findings) -> list[Target]:
     aims = []
     for case in dict.fromkeys(m.case for m in found.measurements):
         aims += _front_targets(case, points(found, case))
+    for case in dict.fromkeys(m.case for m in found.measurements):
+        if CASES[case].events:
+            aims.append(_fixed_step_target(case, points(found, case)))
     return aims + _minimal_targets(found)
 
 
@@ -166,6 +170,17 @@ def _front_targets(case: str, every: Sequence[Point]) -> list[Target]:
                note),
         Target(f"{case}: peers' points that dominate own points", len(above), 0.0, "", names),
     ]  # fmt: skip
+
+
+def _fixed_step_target(case: str, every: Sequence[Point]) -> Target:
+    """``impulse`` alone among all solvers with fixed steps: points that dominate its front."""
+    least = rounding(case)
+    own = front((p for p in every if p.solver == IMPULSE), least)
+    others = [p for p in every if kind(p) != "own" and SOLVERS[p.solver].parameter == "step"]
+    above = dominating(own, front(others, least), least)
+    names = ", ".join(f"{p.solver} at {p.value:g}" for p in above)
+    name = f"{case}: points with fixed steps that dominate points of {IMPULSE}"
+    return Target(name, len(above) if own and others else math.nan, 0.0, "", names)
 
 
 def _minimal_targets(found: Findings) -> list[Target]:
