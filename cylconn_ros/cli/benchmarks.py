@@ -59,7 +59,7 @@ def _orders() -> Benchmark:
 
 
 def _precision() -> Benchmark:
-    """Error against CPU time on twelve scenes, for all methods and peer solvers.
+    """Error against CPU time on 21 scenes, for all methods and peer solvers.
 
     Peers are MuJoCo, Drake, PyBullet, Pinocchio, Exudyn and SciPy in several configurations each
     (pip install '.[peers]').

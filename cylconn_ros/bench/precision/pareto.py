@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 from cylconn_ros.bench.common.results import Findings, Target
 from cylconn_ros.bench.peers.registry import SOLVERS
-from cylconn_ros.bench.precision.cases import CASES, CLOSED_FORM, ERROR
+from cylconn_ros.bench.precision.cases import CASES, CLOSED_FORM, ERROR, WITH_KINKS
 from cylconn_ros.bench.precision.trials import COST
 
 ROUNDING_CLOSED_FORM = 1e-13  # m
 ROUNDING_INTEGRATED = 2e-11  # m, error of a reference computed by DOP853 with 1e-12
+ROUNDING_WITH_KINKS = 1e-7  # m
 SAME_COST = 1.1  # spread of the clock
 LIMIT_REACTION_DEPENDENT = 1e-2  # of the error ratio if friction depends on changing reactions
 SMALL_ERROR = 1e-10  # m
@@ -44,7 +45,8 @@ class Point:
 
 def rounding(case: str) -> float:
     """The rounding error of the reference of a case, m."""
-    return ROUNDING_CLOSED_FORM if CASES[case].source == CLOSED_FORM else ROUNDING_INTEGRATED
+    sizes = {CLOSED_FORM: ROUNDING_CLOSED_FORM, WITH_KINKS: ROUNDING_WITH_KINKS}
+    return sizes.get(CASES[case].source, ROUNDING_INTEGRATED)
 
 
 def points(found: Findings, case: str) -> list[Point]:

@@ -46,9 +46,9 @@ class Extent:
 
     steps: Sequence[float] = STEPS
     tolerances: Sequence[float] = TOLERANCES
-    rounds: int = 5
+    rounds: int = 3
     block: float = 0.01
-    max_cost: float = 0.4
+    max_cost: float = 0.25
     patience: float = 120.0
     names: tuple[str, ...] = ()
 
