@@ -175,7 +175,7 @@ def test_the_compiled_mujoco_loop_is_the_loop_in_python(name: str, integrator: s
     in_python = solver.solve_in_python()()
     compiled = solver.compiled(reacts=True)()()
     np.testing.assert_allclose(compiled, in_python, rtol=1e-9, atol=1e-9)
-    assert error(name, compiled) < 0.06 * case.scale, "and it is the motion of the scene"
+    assert error(name, compiled) < 0.1 * case.scale, "and it is the motion of the scene"
 
 
 @pytest.mark.parametrize("slip", [0.0, 0.13, 3.7, 30.0])
