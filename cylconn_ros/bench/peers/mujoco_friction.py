@@ -30,8 +30,7 @@ class InMujoco(MujocoScene):
         self.course = Course(problem.scene, problem.value, problem.steps)
         if self.course.moves:
             raise NotApplicableError("Friction has no preload that changes over time")
-        springs = {"elasticity": Elasticity(), "damping": Damping()}
-        scene = dataclasses.replace(problem.scene, **springs)
+        scene = dataclasses.replace(problem.scene, elasticity=Elasticity(), damping=Damping())
         try:
             self.friction = Friction(
                 self.model, self.data, slide="slide", hinge="spin", scene=scene

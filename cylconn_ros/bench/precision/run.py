@@ -92,7 +92,9 @@ def run(
     trials: list[Trial] = []
     for solver in SOLVERS.values():
         if case.group and not solver.groups:
-            found.not_measured.append(NotMeasured(case.name, solver.name, "left out", ONE_JOINT))
+            found.not_measured.append(
+                NotMeasured(case.name, solver.name, "not applicable", ONE_JOINT)
+            )
             continue
         for value in _coarse_to_fine(solver, case, extent):
             trial = Trial(setup, solver, value)
