@@ -171,7 +171,7 @@ def slide(scene: Scene, end: float) -> tuple[float, float]:
         return y[0] - low
 
     for event in (breaks, turns, hits):
-        event.terminal = True  # type: ignore[attr-defined, union-attr]
+        event.terminal = True  # type: ignore[union-attr]
     hits.direction = -1.0  # type: ignore[attr-defined]
     options: dict[str, Any] = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
     t, y = 0.0, [0.0, scene.initial_twist(1)[0]]
