@@ -10,7 +10,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH AMENT_CURRENT_PREFIX C
 help:
 	@echo "make demo     run plant and connector over ROS 2 topics and check the recorded run"
 	@echo "make test     check format, lint and types, run all tests"
-	@echo "make bench    measure everything, 40 minutes; results in bench/, tables and pictures in docs/"
+	@echo "make bench    measure everything, planned 40 minutes; results in bench/, tables and pictures in docs/"
 	@echo "make docs     build the documentation site into build/docs"
 	@echo "make prepare  only install what the others need, with all tools, into .venv"
 	@echo "make clean    remove .venv and everything built (recorded runs stay)"

@@ -170,10 +170,10 @@ def solve(
     rtol = tolerance_of(par) if rtol is None else rtol
 
     log = np.zeros((MOST_EVENTS, LOG_WIDTH))
-    reached, kinks, pieces = _pieces(scene, wanted)
+    reached, kinks, factors = smooth_pieces(scene, wanted)
     rows: Array = np.zeros((len(reached), dense_output.WIDTH))
     ran = dense_output.trajectory(
-        par, joint, y, reached, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps, kinks, pieces
+        par, joint, y, reached, rtol, 0.1 * wanted[-1] + 1e-9, rows, log, most_steps, kinks, factors
     )
     if len(reached) != len(wanted):
         rows = rows[np.searchsorted(reached, wanted)]
@@ -220,7 +220,7 @@ def _change_over_time(scene: Scene, par: Array, joint: Array) -> None:
         joint[coordinates.LONGEST_STEP] = 1.0 / (STEPS_OF_A_CYCLE * fastest)
 
 
-def _pieces(scene: Scene, wanted: Array) -> tuple[Array, Array, Array]:
+def smooth_pieces(scene: Scene, wanted: Array) -> tuple[Array, Array, Array]:
     """Times to integrate to: ``wanted`` and kinks over time; numbers of the kinks; factors."""
     factors = [each.pieces() for each in over_time.amplitudes(scene).values()]
     kinks = sorted({piece.start for pieces in factors for piece in pieces[1:]})

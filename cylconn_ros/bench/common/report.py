@@ -30,7 +30,7 @@ def text(report: Report, body: Callable[[Findings], str] | None = None) -> str:
 def provenance(report: Report) -> str:
     """The line above the tables: kernel's digest, date, machine and the command that made them.
 
-    ``test/bench/test_documented.py`` reads it (:func:`stated_kernel`).
+    :func:`stated_kernel` reads it.
     """
     kernel = stated_kernel(report.machine.get("cylconn_ros", "")) or "unknown"
     return (

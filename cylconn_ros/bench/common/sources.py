@@ -1,7 +1,7 @@
 """Digests of source files, over their syntax trees: comments, docstrings and layout do not count.
 
 - :func:`kernel`: the files that the numbers of every table depend on. A table in ``docs`` states
-  it; ``test/bench/test_documented.py`` compares it with the package.
+  it, to be compared with that of the package.
 - :func:`measured`: everything that runs while a benchmark measures, the benchmarks included.
   Results are taken up again by an interrupted run only if it is the same.
 

@@ -83,19 +83,58 @@ class Joint:
 
 
 class Coulomb:
-    """The friction law of a scene as a user's loop computes it, in plain floats."""
+    """The friction law of a scene as a user's loop computes it, in plain floats.
+
+    Its coefficient may decay from a static one or follow a table over the slip rate, and its
+    overlap may change with the slide about a contact fixed on body B. Raises NotApplicableError for
+    what else a scene's friction may have.
+    """
 
     def __init__(self, scene: Scene) -> None:
         f = scene.friction
         self.on = f.on
         self.mu, self.radius = (f.coefficient, f.radius) if f.on else (0.0, 1.0)
-        self.bend = 2.0 / f.overlap if f.on and f.overlap > 0.0 else 0.0
         self.preload = f.preload if f.on else 0.0
+        static = self.mu if math.isnan(f.static_coefficient) else f.static_coefficient
+        self.static, self.decay = (static, f.decay) if f.on else (0.0, 0.0)
+        self.rates: tuple[float, ...] = ()
+        self.values: tuple[float, ...] = ()
+        if f.table is not None:
+            self.rates, self.values = f.table.rates, f.table.values
+        self.overlap, self.growth = f.overlap, _growth(scene)
+        by_direction = not (
+            math.isnan(f.coefficient_forward) and math.isnan(f.coefficient_backward)
+        )
+        by_force = f.table is not None and len(f.table.forces) > 1
+        if f.on and (by_direction or by_force or f.offset_force or math.isfinite(f.max_force)):
+            raise NotApplicableError("the loop has no such friction law")
 
-    def limit(
-        self, force: Sequence[float], moment: Sequence[float], axis: Sequence[float]
-    ) -> float:
-        """Friction limit mu FN (N) of a reaction (force, moment about node b).
+    @property
+    def constant(self) -> bool:
+        """Whether coefficient and overlap are constant."""
+        return not self.rates and self.static == self.mu and not self.growth
+
+    def coefficient(self, slip: float) -> float:
+        """Friction coefficient at a slip rate, m/s."""
+        if self.rates:
+            return float(np.interp(slip, self.rates, self.values))
+        return self.mu + (self.static - self.mu) * math.exp(-self.decay * slip)
+
+    def numbers(self) -> Array:
+        """The law for compiled loops: mu, static coefficient, decay, R, overlap, its growth."""
+        return np.array(
+            [self.mu, self.static, self.decay, self.radius, self.overlap, float(self.growth)]
+        )
+
+    def table(self) -> Array:
+        """(2, n) rates and coefficients of the table, for compiled loops."""
+        return np.array([self.rates, self.values], dtype=np.float64)
+
+    def pressing(
+        self, force: Sequence[float], moment: Sequence[float], axis: Sequence[float],
+        slide: float = 0.0,
+    ) -> float:  # fmt: skip
+        """Radial force and bending (N) of a reaction (force, moment about node b) at a slide (m).
 
         All three vectors are in the same axes; ``axis`` is the joint axis e1.
         """
@@ -104,8 +143,16 @@ class Coulomb:
         along = fx * axis[0] + fy * axis[1] + fz * axis[2]
         about = mx * axis[0] + my * axis[1] + mz * axis[2]
         radial = math.sqrt(max(fx * fx + fy * fy + fz * fz - along * along, 0.0))
+        if self.overlap <= 0.0:
+            return radial
         bending = math.sqrt(max(mx * mx + my * my + mz * mz - about * about, 0.0))
-        return self.mu * abs(radial + self.bend * bending + self.preload)
+        return radial + 2.0 / (self.overlap + self.growth * slide) * bending
+
+    def limit(
+        self, force: Sequence[float], moment: Sequence[float], axis: Sequence[float]
+    ) -> float:
+        """Friction limit mu FN (N) of a reaction, with the kinetic coefficient."""
+        return self.mu * abs(self.pressing(force, moment, axis) + self.preload)
 
     def friction(
         self, limit: float, v: float, w: float, free: tuple[float, float],
@@ -165,16 +212,73 @@ class Stops:
 
 
 class Spring:
-    """The spring on the slide: ``stiffness`` (N/m), and the slide without force, ``rest`` (m)."""
+    """The spring on the slide: ``stiffness`` (N/m), and the slide without force, ``rest`` (m).
+
+    ``damping`` (N.s/m): of the damper beside it.
+    """
 
     def __init__(self, scene: Scene) -> None:
         self.stiffness, self.rest = scene.elasticity.k1, 0.0
+        self.damping = scene.damping.c1
+        if scene.elasticity.table.positions or scene.damping.table.rates:
+            raise NotApplicableError("the loop has no springs or dampers by table")
         if not math.isnan(scene.reference.length):
             self.rest = scene.reference.length - initial_length(scene)
 
     def force(self, slide: float) -> float:
         """Force on B along the joint axis, N."""
         return -self.stiffness * (slide - self.rest)
+
+
+class Course:
+    """What changes over time, as its mean over each step of length h (s).
+
+    Attributes
+    ----------
+        push: (n,) N, load on B along the joint axis. preload: (n,) N. on: whether there is any
+        push or the preload changes.
+
+    Raises NotApplicableError for a load across the axis or on a body that turns: the loops apply
+    loads as generalised forces of the slide.
+    """
+
+    def __init__(self, scene: Scene, h: float, steps: int) -> None:
+        load, friction = np.array(scene.plant.body_b.load), scene.friction
+        pose = scene.initial_pose(0)
+        axis = rotation(pose[3:]) @ rotation(scene.node_a.orientation)[:, 0]
+        along = float(axis @ load[:3])
+        across = np.linalg.norm(load[:3] - along * axis) + np.linalg.norm(load[3:])
+        if across > 0.0 or any(scene.plant.body_a.load) or scene.command.slide.force > 0.0:
+            raise NotApplicableError("the loop has no loads but those along the joint axis")
+        self.moves = scene.plant.preload_amplitude.on
+        self.on = along != 0.0 or self.moves
+        self.push, self.preload = np.full(steps, along), np.full(steps, friction.preload)
+        for values, factor in (
+            (self.push, scene.plant.body_b.load_amplitude),
+            (self.preload, scene.plant.preload_amplitude),
+        ):
+            if factor.on:
+                values *= [factor.average(k * h, (k + 1) * h) for k in range(steps)]
+
+
+def check_plain(scene: Scene) -> None:
+    """Raise NotApplicableError for a scene beyond constant friction without loads."""
+    if Course(scene, scene.plant.duration, 1).on:
+        raise NotApplicableError("this loop has no loads and preloads over time")
+    if not Coulomb(scene).constant:
+        raise NotApplicableError("this loop has one coefficient and one overlap")
+    if Spring(scene).damping:
+        raise NotApplicableError("this loop has no damper")
+
+
+def _growth(scene: Scene) -> int:
+    """Change of the overlap with the slide: 0, 1 or -1. Raises NotApplicableError."""
+    f = scene.friction
+    if not f.on or f.overlap_change == "constant":
+        return 0
+    if f.contact_centre != "body_b" or not math.isnan(f.overlap_at):
+        raise NotApplicableError("the loop has no contact whose middle moves")
+    return 1 if f.overlap_change == "increasing" else -1
 
 
 def initial_length(scene: Scene) -> float:

@@ -15,29 +15,48 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.bench.common.frames import rotation
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, check_plain
 from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.scene.scene import Body
 
+DISCRETE, RK3, CENIC = "discrete", "runge_kutta3", "cenic"
+SLIDER = 1e-9  # mass of the body between the joints over that of B
+CENIC_ACCURACY = 1e-3  # 1/s, times the step: accuracy asked of CENIC, at least 1e-9
+
 
 class DrakeSolver:
-    """A problem in Drake; ``discrete``: a discrete plant, else a continuous one."""
+    """A problem in Drake; ``scheme``: discrete, or the integrator of a continuous plant."""
 
-    def __init__(self, problem: Problem, discrete: bool) -> None:
+    def __init__(self, problem: Problem, scheme: str) -> None:
         package("pydrake")
         self.tree = package("pydrake.multibody.tree")
         self.math = package("pydrake.math")
         self.plants = package("pydrake.multibody.plant")
         self.analysis = package("pydrake.systems.analysis")
-        self.problem, scene = problem, problem.scene
+        self.problem, scene, self.scheme = problem, problem.scene, scheme
+        check_plain(scene)
         self.joint, self.law = Joint(scene), Coulomb(scene)
         self.stops, self.spring = Stops(scene), Spring(scene)
-        self.plant = self._build(problem.value if discrete else 0.0)
-        self.simulator = self.analysis.Simulator(self.plant)
-        if not discrete:
-            self.analysis.ResetIntegratorFromFlags(self.simulator, "runge_kutta3", problem.value)
-            self.simulator.get_mutable_integrator().set_fixed_step_mode(True)
-        self.context = self.simulator.get_mutable_context()
+        system: Any
+        if scheme == CENIC:  # accepts a diagram only, with a scene graph beside the plant
+            builder = package("pydrake.systems.framework").DiagramBuilder()
+            plant, _ = self.plants.AddMultibodyPlantSceneGraph(builder, 0.0)
+            self.plant = self._build(plant)
+            system = builder.Build()
+        else:
+            step = problem.value if scheme == DISCRETE else 0.0
+            self.plant = system = self._build(self.plants.MultibodyPlant(step))
+        self.simulator = self.analysis.Simulator(system)
+        if scheme != DISCRETE:
+            self.analysis.ResetIntegratorFromFlags(self.simulator, scheme, problem.value)
+            integrator = self.simulator.get_mutable_integrator()
+            if scheme == CENIC:
+                integrator.set_target_accuracy(max(CENIC_ACCURACY * problem.value, 1e-9))
+            else:
+                integrator.set_fixed_step_mode(True)
+        whole = self.simulator.get_mutable_context()
+        self.whole = whole
+        self.context = self.plant.GetMyMutableContextFromRoot(whole)
         self.forces = self.plant.get_applied_generalized_force_input_port()
         self.reactions = self.plant.get_reaction_forces_output_port()
         self.zero = np.zeros(self.plant.num_velocities())
@@ -49,9 +68,8 @@ class DrakeSolver:
             self.simulator.AdvanceTo(problem.value)
         self.initial_limit = self._limit() if self.law.on else 0.0
 
-    def _build(self, time_step: float) -> Any:
+    def _build(self, plant: Any) -> Any:
         tree, joint, scene = self.tree, self.joint, self.problem.scene
-        plant = self.plants.MultibodyPlant(time_step)
         plant.mutable_gravity_field().set_gravity_vector(np.array(scene.gravity))
         pose, axes = joint.pose_a, rotation(joint.orientation)
         if joint.free:
@@ -63,8 +81,10 @@ class DrakeSolver:
             axes_a = rotation(pose[3:])
             position = pose[:3] + axes_a @ (joint.position + axes @ joint.node_b)
             joint_frame = self._pose(axes_a @ axes, position)
-        massless = tree.SpatialInertia(0.0, np.zeros(3), tree.UnitInertia(0.0, 0.0, 0.0))
-        slider = plant.AddRigidBody("slider", massless)
+        between = tree.SpatialInertia(0.0, np.zeros(3), tree.UnitInertia(0.0, 0.0, 0.0))
+        if self.scheme == CENIC:  # refuses a body without mass
+            between = tree.SpatialInertia.SolidSphereWithMass(SLIDER * scene.body_b.mass, 0.01)
+        slider = plant.AddRigidBody("slider", between)
         body_b = plant.AddRigidBody("b", self._inertia(scene.body_b))
         joint_a = plant.AddFrame(tree.FixedOffsetFrame("joint_a", frame, joint_frame))
         node_b = self._pose(np.eye(3), joint.node_b)
@@ -93,7 +113,7 @@ class DrakeSolver:
     def _reset(self) -> None:
         """Return to the initial state."""
         joint, plant, context = self.joint, self.plant, self.context
-        context.SetTime(0.0)
+        self.whole.SetTime(0.0)
         if joint.free:
             body = plant.GetBodyByName("a")
             pose = joint.pose_a
@@ -178,18 +198,27 @@ class DrakeSolver:
         )  # fmt: skip
 
 
-def _prepared(discrete: bool) -> Callable[[Problem], Solve]:
-    return lambda problem: DrakeSolver(problem, discrete)
+def _prepared(scheme: str) -> Callable[[Problem], Solve]:
+    return lambda problem: DrakeSolver(problem, scheme)
 
 
-SOLVERS = (
-    Solver(
-        "Drake discrete, loop", "drake", "simulator", "step",
-        "discrete plant, friction limit from the last step's reaction", _prepared(True),
-    ),
-    Solver(
-        "Drake RK3, loop", "drake", "simulator", "step",
-        "continuous plant, fixed steps, friction limit from the last step's reaction",
-        _prepared(False),
-    ),
-)  # fmt: skip
+SOLVERS = tuple(
+    Solver(name, "drake", "simulator", "step", description, _prepared(scheme))
+    for name, description, scheme in (
+        (
+            "Drake discrete, loop",
+            "discrete plant, friction limit from the last step's reaction",
+            DISCRETE,
+        ),
+        (
+            "Drake RK3, loop",
+            "continuous plant, fixed steps, friction limit from the last step's reaction",
+            RK3,
+        ),
+        (
+            "Drake CENIC, loop",
+            "continuous plant, error-controlled convex integrator within each step of the loop",
+            CENIC,
+        ),
+    )
+)

@@ -82,13 +82,28 @@ class MujocoScene:
 
     def friction_limit(self, law: Coulomb) -> float:
         """Friction limit mu FN (N) of the reaction in the last step."""
+        return law.mu * abs(self.pressing(law) + law.preload)
+
+    def pressing(self, law: Coulomb) -> float:
+        """Radial force and bending (N) of the reaction in the last step."""
         self.mujoco.mj_rnePostConstraint(self.model, self.data)
         mx, my, mz, fx, fy, fz = self._reaction.tolist()  # torque about the tree's centre of mass
         px, py, pz = self._reaction_point.tolist()
         hx, hy, hz = self._anchor.tolist()
         dx, dy, dz = px - hx, py - hy, pz - hz
         moment = (mx + dy * fz - dz * fy, my + dz * fx - dx * fz, mz + dx * fy - dy * fx)
-        return law.limit((fx, fy, fz), moment, self._axis.tolist())
+        return law.pressing((fx, fy, fz), moment, self._axis.tolist(), float(self.data.qpos[-2]))
+
+    def end_state(self) -> Array:
+        """(26,) poses and twists after the last step."""
+        qpos, qvel, joint = self.data.qpos, self.data.qvel, self.joint
+        slide, spin = qpos[-2:].tolist()
+        if not joint.free:
+            return joint.state(joint.pose_a, joint.twist_a, slide, spin, qvel[-2:].tolist())
+        w, x, y, z = qpos[3:7]
+        pose = np.array([*qpos[:3], x, y, z, w])
+        twist = np.array([*qvel[:3], *(rotation(pose[3:]) @ qvel[3:6])])
+        return joint.state(pose, twist, slide, spin, qvel[-2:].tolist())
 
     def state(self) -> Array:
         """(26,) poses and twists of both bodies as in a sample."""
@@ -117,8 +132,8 @@ def mjcf(joint: Joint, friction: float, integrator: str, timestep: float, slide:
     common = f'pos="{_text(joint.node_b)}" axis="{_text(joint.axis_b)}"'
     pose = f'pos="{_text(joint.position)}" quat="{_wxyz(joint.orientation)}"'
     body_b = f"""<body name="b" {pose}>{_inertial(scene.body_b)}
-        <joint type="slide" {common} frictionloss="{friction!r}" {slide}/>
-        <joint type="hinge" {common} frictionloss="{friction * radius!r}"/></body>"""
+        <joint name="slide" type="slide" {common} frictionloss="{friction!r}" {slide}/>
+        <joint name="spin" type="hinge" {common} frictionloss="{friction * radius!r}"/></body>"""
     free = f"<freejoint/>{_inertial(scene.body_a)}" if joint.free else ""
     a = joint.pose_a
     return f"""<mujoco>

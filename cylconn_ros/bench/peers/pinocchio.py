@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.bench.common.frames import inertia_tensor, rotation
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, check_plain
 from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.scene.scene import Body
 
@@ -25,6 +25,7 @@ class PinocchioSolver:
     def __init__(self, problem: Problem) -> None:
         self.pin = pin = package("pinocchio")
         self.problem, scene = problem, problem.scene
+        check_plain(scene)
         self.joint, self.law = Joint(scene), Coulomb(scene)
         self.stops, self.spring = Stops(scene), Spring(scene)
         joint = self.joint

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cylconn_ros.bench.common.frames import inertia_tensor, product, quaternion, rotation
-from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops
+from cylconn_ros.bench.peers.common import Coulomb, Joint, Spring, Stops, check_plain
 from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.scene.scene import Body
 
@@ -28,6 +28,7 @@ class PyBulletSolver:
     def __init__(self, problem: Problem) -> None:
         self.bullet = bullet = package("pybullet")
         self.problem, scene = problem, problem.scene
+        check_plain(scene)
         self.joint, self.law = Joint(scene), Coulomb(scene)
         self.stops, self.spring = Stops(scene), Spring(scene)
         self.client = bullet.connect(bullet.DIRECT)

@@ -61,6 +61,7 @@ class Solver:
         kind: a method of this package, a simulator, or equations reduced for each scene.
         parameter: what controls the accuracy.
         description: the configuration in a few words.
+        groups: whether it solves connectors that share a body.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Solver:
     parameter: Literal["step", "tolerance"]
     description: str
     prepare: Callable[[Problem], Solve]
+    groups: bool = False
 
 
 def calibration_scene(scene: Scene) -> Scene:

@@ -14,11 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylconn_ros.bench.common import frames
+from cylconn_ros.bench.common import frames, published
 from cylconn_ros.bench.common.frames import Array, inverse, product, rotation, to_world
 from cylconn_ros.bench.common.results import Errors
 from cylconn_ros.bench.common.settings import SceneLoader
-from cylconn_ros.reference import answers, closed_forms, fixed_shaft
+from cylconn_ros.reference import (
+    answers,
+    closed_forms,
+    fixed_shaft,
+    over_time_answers,
+    sleeve_answers,
+)
 from cylconn_ros.reference.free_pair import free_pair, motion
 from cylconn_ros.scene.scene import Scene
 
@@ -45,6 +51,10 @@ class Case:
         reference: reference solution of a scene at a time (s). source: where it comes from.
         reaction_dependent: the friction depends on reactions that change during the motion.
         comes_to_rest: the bodies are at rest at the end.
+        scene: builds the scene; None: the bundled scene of this name.
+        calibrates: whether the reference also holds for the calibration scene.
+        published: result of another program, its name and its error (m), without a CPU time.
+        group: connectors that share the body; only methods of groups solve it.
     """
 
     name: str
@@ -56,6 +66,15 @@ class Case:
     source: str
     reaction_dependent: bool = False
     comes_to_rest: bool = False
+    scene: Callable[[], Scene] | None = None
+    calibrates: bool = True
+    published: tuple[str, float] | None = None
+    group: bool = False
+
+    @property
+    def events(self) -> bool:
+        """Whether friction or stops act."""
+        return self.name not in ("free_slide", "free_flight")
 
 
 def spin_radius(scene: Scene) -> float:
@@ -224,9 +243,47 @@ def _demo(scene: Scene, end: float) -> Reference:
     return {"slide": found.distance, "spin": float(found.alpha[-1]), "v": 0.0, "w": 0.0}
 
 
+def _brake(scene: Scene, end: float) -> Reference:
+    return {**_closed(scene, end, over_time_answers.brake), "v": 0.0}
+
+
+def _forced_oscillator(scene: Scene, end: float) -> Reference:
+    position = over_time_answers.forced_oscillator(scene, end)[1].value
+    return {"slide": position - scene.initial_pose(1)[0]}
+
+
+def _one_slide(scene: Scene, end: float) -> Reference:
+    position, velocity = published.slide(scene, end)
+    return {"slide": position, "v": velocity}
+
+
+def _friction_oscillator(scene: Scene, _end: float) -> Reference:
+    return {"slide": published.oscillation(scene) - scene.initial_pose(1)[0], "v": 0.0}
+
+
+def _bounce(scene: Scene, end: float) -> Reference:
+    height = scene.initial_pose(1)[0] - scene.stops.l_min
+    position, velocity = published.bounced(
+        height, abs(scene.gravity[0]), scene.stops.restitution, end
+    )
+    return {"slide": position - height, "v": velocity}
+
+
+def _telescope(scene: Scene, end: float) -> Reference:
+    return {**_closed(scene, end, sleeve_answers.telescope_binds), "v": 0.0}
+
+
+def _two_rails(scene: Scene, _end: float) -> Reference:
+    """Without overlap the normal forces of both rails add up to the weight: v^2/(2 mu g)."""
+    deceleration = scene.friction.coefficient * float(np.linalg.norm(scene.gravity))
+    return {"slide": scene.initial_twist(1)[0] ** 2 / (2.0 * deceleration), "v": 0.0}
+
+
 CLOSED_FORM = "closed form"
 REDUCED = "reduced equations, DOP853 to 1e-12"
 NEWTON_EULER = "Newton-Euler with multipliers, DOP853 to 1e-12"
+ONE_SLIDE = "one equation of motion, DOP853 to 1e-12"
+WITH_KINKS = "one equation of motion, DOP853, kinks not located"
 SLIDE_AND_SPIN = "slide and spin"
 CASES = {
     case.name: case
@@ -254,6 +311,29 @@ CASES = {
              reaction_dependent=True, comes_to_rest=True),
         Case("demo", "unbalanced sleeve down a slope", "stopping distance and angle", 4.0, 1.4,
              _demo, REDUCED, reaction_dependent=True, comes_to_rest=True),
+        Case("spring_hard_stop", "spring, Stribeck, hard stop", "position at rest", 1.2, 0.25,
+             _one_slide, ONE_SLIDE, comes_to_rest=True, scene=published.spring_hard_stop,
+             calibrates=False, published=("Modelica", 2e-6)),
+        Case("brake", "brake closes", "stopping distance", 1.2, 0.6, _brake, CLOSED_FORM,
+             comes_to_rest=True, calibrates=False),
+        Case("friction_table", "table of friction, driven", "position", 3.0, 12.0, _one_slide,
+             WITH_KINKS, scene=published.friction_table, calibrates=False),
+        Case("friction_oscillator", "Siconos' friction oscillator", "position at rest", 24.0, 12.0,
+             _friction_oscillator, CLOSED_FORM, comes_to_rest=True, calibrates=False,
+             scene=published.friction_oscillator,
+             published=("Siconos, 10 ms", abs(0.682044135 - 0.6821789367))),
+        Case("forced_oscillator", "forced, dry friction (Den Hartog)", "position", 2.0, 0.08,
+             _forced_oscillator, CLOSED_FORM, calibrates=False),
+        Case("stick_slip", "stick-slip pull", "position after the first jump", 12.0, 0.65,
+             _one_slide, ONE_SLIDE, comes_to_rest=True, scene=published.stick_slip,
+             calibrates=False),
+        Case("bounce_under_load", "bounce under load, restitution 0.8", "position", 2.0, 1.0,
+             _bounce, CLOSED_FORM, scene=published.bounce_under_load, calibrates=False),
+        Case("telescope_binds", "overlap shrinks until it binds", "stopping distance", 0.6, 0.23,
+             _telescope, CLOSED_FORM, reaction_dependent=True, comes_to_rest=True),
+        Case("two_rails", "drawer on two rails", "stopping distance", 1.0, 0.25, _two_rails,
+             CLOSED_FORM, comes_to_rest=True, scene=lambda: published.two_rails()[0],
+             calibrates=False, group=True),
     )
 }  # fmt: skip
 """The cases by the names of their scenes, in drawing order."""
@@ -261,7 +341,7 @@ CASES = {
 
 def scene_of(load: SceneLoader, case: Case) -> Scene:
     """The scene of a case with the duration of the case."""
-    scene = load(case.name)
+    scene = case.scene() if case.scene else load(case.name)
     return dataclasses.replace(
         scene, plant=dataclasses.replace(scene.plant, duration=case.duration)
     )

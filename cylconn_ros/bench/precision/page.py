@@ -14,7 +14,7 @@ from typing import Any
 from cylconn_ros.bench.common.results import Report
 from cylconn_ros.bench.peers.registry import SOLVERS
 from cylconn_ros.bench.precision import pareto
-from cylconn_ros.bench.precision.cases import CASES
+from cylconn_ros.bench.precision.cases import CASES, Case
 from cylconn_ros.bench.precision.picture import CURVES
 from cylconn_ros.report.page import library
 
@@ -46,7 +46,8 @@ def data(report: Report) -> Mapping[str, Any]:
         shown.append(
             {
                 "name": name, "title": case.title, "error_of": case.error_of,
-                "reaction_dependent": case.reaction_dependent, "source": case.source, "rows": rows,
+                "reaction_dependent": case.reaction_dependent, "rows": rows,
+                "source": case.source + _published(case),
             }
         )  # fmt: skip
     styles = {}
@@ -62,6 +63,10 @@ def data(report: Report) -> Mapping[str, Any]:
         "machine": [f"{key}: {value}" for key, value in report.machine.items()],
         "command": f"{report.command}, {report.started}",
     }
+
+
+def _published(case: Case) -> str:
+    return f"; published: {case.published[0]}, {case.published[1]:.2g} m" if case.published else ""
 
 
 def _short(value: float) -> float | None:

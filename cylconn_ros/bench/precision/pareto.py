@@ -12,15 +12,17 @@ from dataclasses import dataclass
 
 from cylconn_ros.bench.common.results import Findings, Target
 from cylconn_ros.bench.peers.registry import SOLVERS
-from cylconn_ros.bench.precision.cases import CASES, CLOSED_FORM, ERROR
+from cylconn_ros.bench.precision.cases import CASES, CLOSED_FORM, ERROR, WITH_KINKS
 from cylconn_ros.bench.precision.trials import COST
 
 ROUNDING_CLOSED_FORM = 1e-13  # m
 ROUNDING_INTEGRATED = 2e-11  # m, error of a reference computed by DOP853 with 1e-12
+ROUNDING_WITH_KINKS = 1e-7  # m
 SAME_COST = 1.1  # spread of the clock
 LIMIT_REACTION_DEPENDENT = 1e-2  # of the error ratio if friction depends on changing reactions
 SMALL_ERROR = 1e-10  # m
 COST_LIMIT_SCIPY = 0.05  # minimal's CPU time over SciPy's
+IMPULSE = "impulse"
 MINIMAL, SCIPY, MUJOCO = "minimal", "SciPy DOP853", "MuJoCo RK4, constant"
 
 
@@ -43,7 +45,8 @@ class Point:
 
 def rounding(case: str) -> float:
     """The rounding error of the reference of a case, m."""
-    return ROUNDING_CLOSED_FORM if CASES[case].source == CLOSED_FORM else ROUNDING_INTEGRATED
+    sizes = {CLOSED_FORM: ROUNDING_CLOSED_FORM, WITH_KINKS: ROUNDING_WITH_KINKS}
+    return sizes.get(CASES[case].source, ROUNDING_INTEGRATED)
 
 
 def points(found: Findings, case: str) -> list[Point]:
@@ -140,6 +143,9 @@ def targets(found: Findings) -> list[Target]:
     aims = []
     for case in dict.fromkeys(m.case for m in found.measurements):
         aims += _front_targets(case, points(found, case))
+    for case in dict.fromkeys(m.case for m in found.measurements):
+        if CASES[case].events:
+            aims.append(_fixed_step_target(case, points(found, case)))
     return aims + _minimal_targets(found)
 
 
@@ -166,6 +172,17 @@ def _front_targets(case: str, every: Sequence[Point]) -> list[Target]:
                note),
         Target(f"{case}: peers' points that dominate own points", len(above), 0.0, "", names),
     ]  # fmt: skip
+
+
+def _fixed_step_target(case: str, every: Sequence[Point]) -> Target:
+    """``impulse`` alone among all solvers with fixed steps: points that dominate its front."""
+    least = rounding(case)
+    own = front((p for p in every if p.solver == IMPULSE), least)
+    others = [p for p in every if kind(p) != "own" and SOLVERS[p.solver].parameter == "step"]
+    above = dominating(own, front(others, least), least)
+    names = ", ".join(f"{p.solver} at {p.value:g}" for p in above)
+    name = f"{case}: points with fixed steps that dominate points of {IMPULSE}"
+    return Target(name, len(above) if own and others else math.nan, 0.0, "", names)
 
 
 def _minimal_targets(found: Findings) -> list[Target]:

@@ -60,6 +60,7 @@ CURVES = (
     Curve("MuJoCo, constant", ("MuJoCo",), "#E69F00", style=":", ends="constant"),
     Curve("MuJoCo, calibrated", ("MuJoCo",), "#E69F00", style="--", ends="calibrated"),
     Curve("MuJoCo, loop", ("MuJoCo",), "#E69F00", ends="loop"),
+    Curve("MuJoCo, our friction", ("MuJoCo with this package's friction",), "#7A4FB5", exact=True),
     Curve("Drake", ("Drake",), "#009E73"),
     Curve("PyBullet", ("PyBullet",), "#D55E00"),
     Curve("Pinocchio", ("Pinocchio",), "#CC79A7"),
@@ -91,7 +92,7 @@ TITLE = (
     "Error of the whole motion vs. CPU time; lower left is better.  × failed.  "
     "◆ friction depends on changing reactions.\n"
     "Curve: Pareto front of a group of solvers; bars: quartiles of CPU time; "
-    "loop: friction limit from the last step's reaction."
+    "loop: friction limit from the last step's reaction.  Dotted: a published result, without time."
 )
 
 
@@ -102,7 +103,7 @@ def draw(found: Findings, files: Sequence[Path]) -> None:
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     names = list(dict.fromkeys(m.case for m in found.measurements))
-    columns = min(3, len(names))
+    columns = min(3 if len(names) <= 12 else 4, len(names))
     rows = math.ceil(len(names) / columns)
     with mpl.rc_context(_STYLE):
         figure = Figure(
@@ -143,6 +144,12 @@ def _panel(axes: Axes, case: Case, points: Sequence[Point]) -> None:
     axes.minorticks_off()
     axes.axhspan(HIGHEST, HIGHEST * 30.0, color="#F5F0F0", linewidth=0.0)
     axes.text(low / 1.5, HIGHEST * 8.0, "failed", fontsize=7, color=SOFT, va="center")
+    if case.published:
+        name, error = case.published
+        axes.axhline(error, color=INK, linewidth=0.8, linestyle=(0, (1, 2)), zorder=1.0)
+        axes.text(
+            low / 1.5, error * 1.5, f"published: {name}", fontsize=6.5, color=INK, va="bottom"
+        )
     labels = []
     for k, curve in enumerate(CURVES):
         own = [p for p in points if curve.contains(p.solver)]

@@ -16,7 +16,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from cylconn_ros.bench.common.results import Findings, merge_cases
+from cylconn_ros.bench.common.results import Findings, NotMeasured, merge_cases
 from cylconn_ros.bench.common.settings import Settings
 from cylconn_ros.bench.peers.isolated import SolverProcess
 from cylconn_ros.bench.peers.registry import SOLVERS
@@ -28,6 +28,7 @@ from cylconn_ros.scene import parameter_file
 from cylconn_ros.scene.scene import Scene
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)
+ONE_JOINT = "connectors that share a body: this configuration has one joint"
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 
 
@@ -45,9 +46,9 @@ class Extent:
 
     steps: Sequence[float] = STEPS
     tolerances: Sequence[float] = TOLERANCES
-    rounds: int = 5
+    rounds: int = 3
     block: float = 0.01
-    max_cost: float = 0.4
+    max_cost: float = 0.25
     patience: float = 120.0
     names: tuple[str, ...] = ()
 
@@ -82,7 +83,7 @@ def run(
     file = folder / f"{case.name}.yaml"
     file.write_text(parameter_file.dump(scene))
     calibration: cases.Reference = {}
-    if scene.friction.on:
+    if scene.friction.on and case.calibrates:
         solution = case.reference(calibration_scene(scene), case.duration)
         calibration = {name: float(value) for name, value in solution.items()}
     reference = case.reference(scene, case.duration)
@@ -90,6 +91,11 @@ def run(
     found = Findings()
     trials: list[Trial] = []
     for solver in SOLVERS.values():
+        if case.group and not solver.groups:
+            found.not_measured.append(
+                NotMeasured(case.name, solver.name, "not applicable", ONE_JOINT)
+            )
+            continue
         for value in _coarse_to_fine(solver, case, extent):
             trial = Trial(setup, solver, value)
             missing = trial.run()

@@ -34,8 +34,11 @@ def case_table(names: Sequence[str]) -> str:
         case = CASES[name]
         title = case.title + (" ◆" if case.reaction_dependent else "")
         duration = f"{case.duration:g} s"
-        rows.append((str(k + 1), f"`{name}`", title, case.error_of, duration, case.source))
-    return report.table(("", "scene", "motion", "error of", "duration", "reference"), rows)
+        published = f"{case.published[0]}: {case.published[1]:.1e} m" if case.published else ""
+        row = str(k + 1), f"`{name}`", title, case.error_of, duration, case.source, published
+        rows.append(row)
+    head = ("", "scene", "motion", "error of", "duration", "reference", "published result")
+    return report.table(head, rows)
 
 
 def within(found: Findings, names: Sequence[str], budget: float) -> str:

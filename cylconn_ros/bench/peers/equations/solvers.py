@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from cylconn_ros.bench.common.errors import NotApplicableError
-from cylconn_ros.bench.peers import reduced
 from cylconn_ros.bench.peers.common import Joint, Stops
+from cylconn_ros.bench.peers.equations import reduced
 from cylconn_ros.bench.peers.solver import Array, EndState, Problem, Solve, Solver, package
 from cylconn_ros.reference.free_pair import Equations
 

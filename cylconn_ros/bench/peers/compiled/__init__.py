@@ -1,0 +1,1 @@
+"""Loops of users in compiled code, around the functions of a simulator."""

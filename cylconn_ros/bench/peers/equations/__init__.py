@@ -1,0 +1,1 @@
+"""SciPy on equations of motion that were reduced by hand for each scene."""
