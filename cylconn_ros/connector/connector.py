@@ -314,13 +314,6 @@ class Connector:
             self._types_known = COMPILED
         return out
 
-    def step_period(self, sample: Array, h: float) -> float:
-        """The period of the coming step, ``h`` s after the previous sample (0: one period).
-
-        For a group, which takes one for all. ``sample``: (NSAMPLE,) the new sample.
-        """
-        return float(batch.step_period(self._mem, sample, h, self._period))
-
     @property
     def period(self) -> float:
         """The period in use, s: the scene's, or the interval of the samples that refutes it."""

@@ -12,6 +12,7 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.connector import batch
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.description import describe_model
 from cylconn_ros.core import layout, model
@@ -87,7 +88,9 @@ class Group:
         if len(self.connectors) == 1:
             self.connectors[0].step(samples[0], h, outs[0])
             return outs
-        h = min(map(Connector.step_period, self.connectors, samples, repeat(h)))  # the same for all
+        periods = [connector.scene.period for connector in self.connectors]
+        used = map(batch.step_period, self._mem, samples, repeat(h), periods)
+        h = min(used)  # the same for all
         status = coupled.step_group(
             self._par, self._mem, samples, h, outs, self._constants, self._work, self._report
         )

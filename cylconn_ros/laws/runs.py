@@ -322,9 +322,7 @@ def samples_of(run: Run, scene: Scene | None = None) -> RunSamples:
         raise RecordingError(f"{run.path}: no state was recorded")
     outputs = _outputs(run, state, scene)
     samples, outs, periods, since, begins, stamps = [], [], [], [], [], []
-    known, skipped = False, 0
-    exchanged = 0.0
-    history = 0
+    known, skipped, exchanged, history = False, 0, 0.0, 0
     period = PeriodInUse(scene.period)
     for stamp, h, restarted, sample in synchronized_samples(run, scene):
         history += restarted

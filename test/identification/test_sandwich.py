@@ -13,7 +13,7 @@ def test_degrees_of_freedom_are_those_of_the_eigenvalues() -> None:
     rng, n, k = np.random.default_rng(1), 9, 3
     jacobian = rng.normal(size=(n, 2, k))
     flat = jacobian.reshape(-1, k)
-    bread = np.linalg.inv(flat.T @ flat)
+    bread = np.linalg.inv(flat.T @ flat).astype(np.float64)
     rest = np.eye(2 * n) - flat @ bread @ flat.T
     found = sandwich.degrees_of_freedom(jacobian, bread)
     for j in range(k):
@@ -32,7 +32,7 @@ def test_intervals_of_a_parameter_that_few_windows_determine_hold() -> None:
     jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
     jacobian[4:, 1, 1] = 0.05
     flat = jacobian.reshape(-1, 2)
-    bread = np.linalg.inv(flat.T @ flat)
+    bread = np.linalg.inv(flat.T @ flat).astype(np.float64)
     freedom = sandwich.degrees_of_freedom(jacobian, bread)
     assert freedom[1] < 5.0 < 25.0 < freedom[0] <= n
     inside = np.zeros((2, 2))

@@ -15,6 +15,7 @@ from scenes import bundled
 
 import cylconn_ros as cr
 from cylconn_ros.errors import StudyError
+from cylconn_ros.simulation.run import Run
 from cylconn_ros.study.dataset import Dataset
 from cylconn_ros.study.executors import Engine, Here, Processes
 from cylconn_ros.study.rows import Rows, read_axis
@@ -51,6 +52,7 @@ def test_a_row_holds_what_its_simulation_gives(done: Path) -> None:
     assert table["row"].tolist() == list(range(24))
     for k in (0, 7, 23):
         row, again = table.iloc[k], found.run(k)
+        assert isinstance(again, Run)
         assert row["friction.coefficient"] == again.scene.friction.coefficient
         assert row["displacement.end"] == again["displacement"][-1]
         assert row["normal_force.max"] == again["normal_force"].max()

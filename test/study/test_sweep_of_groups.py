@@ -56,7 +56,9 @@ def test_a_row_is_the_drawer_slowed_by_the_friction_of_its_own_rails(done: Sweep
 
 
 def test_a_row_runs_again_bit_for_bit(done: Sweep) -> None:
-    (names, run), *others = done.run(4).items()
+    again = done.run(4)
+    assert isinstance(again, dict)
+    (names, run), *others = again.items()
     assert (names, others) == (("left", "right"), [])
     row = done.to_dataframe().iloc[4]
     assert row["left.displacement.end"] == run.outs[-1, 0, layout.DISPLACEMENT]

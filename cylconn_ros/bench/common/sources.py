@@ -21,8 +21,8 @@ import cylconn_ros
 
 KERNEL = (
     "core", "methods", "scene/packing.py", "scene/elements.py", "scene/amplitude.py",
-    "scene/initial.py", "connector/connector.py", "connector/group.py", "connector/over_time.py",
-    "simulation",
+    "scene/initial.py", "connector/batch.py", "connector/connector.py", "connector/group.py",
+    "connector/over_time.py", "simulation",
 )  # fmt: skip
 """Physics, methods, packed parameters, the connector's step, the compiled loop and the plant."""
 MEASURED = (
