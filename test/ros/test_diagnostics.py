@@ -246,6 +246,7 @@ class MeasuredLatency:
     def __init__(self, latency, spread, declared=-1):
         self.measured_latency, self.latency_spread = latency, spread
         self.scene = make(latency=declared, period=0.002)
+        self.period = self.scene.period
 
 
 @pytest.mark.parametrize(
@@ -324,3 +325,16 @@ def test_incompatible_qos_names_policy_and_remedy():
     )
     text = qos.incompatible("/body_b/wrench", "durability", is_input=False)
     assert "(durability), it receives nothing; request no more than reliable, volatile" in text
+
+
+def test_a_period_that_the_motion_refutes_is_reported_with_the_one_in_use():
+    """Samples 20 ms apart of a body that moves by its twist times 20 ms; the period is 10 ms."""
+    pipeline, monitor = fixed_shaft(), Monitor("c")
+    for k in range(8):
+        send(pipeline, k * 20 * MS, 1.0, 0.02 * k)
+    parts, _ = report(pipeline, monitor)
+    expected = (
+        "stamps are 0.02 s apart, period is 0.01 s, which the motion contradicts: wrenches are "
+        "computed for 0.02 s; set period: 0.02, or 0.0 to take it from the stamps"
+    )
+    assert expected in parts["samples"].message
