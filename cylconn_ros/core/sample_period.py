@@ -12,8 +12,8 @@ is less than a quarter (CLEARLY) of its value for the period in use. Stamps of t
 simulator of fixed steps are no times of the motion: they are not confirmed, and the period stays.
 
 The declared period is in use again as soon as an interval agrees with it. Lost samples make an
-interval longer once or a few times: CONFIRMED equal ones in succession are needed, or one if no
-interval has agreed with the period in use yet.
+interval longer once or a few times: CONFIRMED equal ones in succession are needed. If no
+interval has agreed with the period in use yet, two are, or one beyond FEW_LOST periods.
 """
 
 from typing import Final
@@ -36,6 +36,7 @@ from cylconn_ros.core.vectors import (
 
 APART: Final = 0.25  # share by which an interval differs from another
 CONFIRMED: Final = 4.0  # intervals
+FEW_LOST: Final = 3.5  # periods: an interval up to it may be one in which samples were lost
 CLEARLY: Final = 0.25
 LEAST_MOTION: Final = 1e-9  # m and rad, relative to the distance from the origin plus 1
 FOLLOWED: Final = 0.02  # share of an interval in the mean of those in use
@@ -101,7 +102,8 @@ def _contradicted(mem: Array, sample: Array, h: float, declared: float) -> float
         mem[_TIMES] = 0.0
     elif found > 0:
         mem[_TIMES] += 1.0
-    if mem[_TIMES] >= (CONFIRMED if mem[_AGREED] != 0.0 else 1.0):
+    needed = 2.0 if in_use < h < FEW_LOST * in_use else 1.0
+    if mem[_TIMES] >= (CONFIRMED if mem[_AGREED] != 0.0 else needed):
         mem[_IN_USE], mem[_AGREED], mem[_TIMES] = h, 1.0, 0.0
         return h
     return in_use

@@ -72,7 +72,8 @@ def test_a_wrong_period_is_replaced(name: str, ratio: float, integration: str) -
     for at, allowed in ((layout.OFFSET_VIOLATION, 1e-6), (layout.ANGULAR_VIOLATION, 1e-5)):
         assert wrong.worst(at) <= 2.0 * right.worst(at) + allowed
     apart = wrong.plant.state - right.plant.state
-    assert np.abs(apart[[*range(3), *range(13, 16)]]).max() < 2e-5  # m
+    allowed = 5e-4 if ratio == 2.0 else 2e-5  # m; two periods may be a lost sample: one step more
+    assert np.abs(apart[[*range(3), *range(13, 16)]]).max() < allowed
 
 
 @pytest.mark.parametrize("latency", [-1, 0])
@@ -120,6 +121,13 @@ def test_lost_samples_are_no_period() -> None:
     assert loop.used[-1] == pytest.approx(2.0 * loop.h)
     loop.run(2)
     assert loop.used[-1] == loop.h
+
+
+def test_a_first_sample_that_is_lost_changes_nothing() -> None:
+    loop = Loop(scene_of("demo"), 1.0)
+    loop.run(3, every=2)  # the second sample is lost
+    loop.run(3)
+    assert set(loop.used) == {loop.h}
 
 
 def test_the_period_in_use_survives_a_restart() -> None:
