@@ -81,7 +81,6 @@ class Connector:
                 f"{', '.join(LIVE[:-1])} or {LIVE[-1]}"
             )
         self._step = STEPS[self.method]
-        self._loaded: Any = None
         self._par: Array = pack(scene)
         if check_latency and scene.latency >= 0 and latency_is_measurable(scene):
             self._par[model.LATENCY_CHECKED] = 1.0
@@ -181,9 +180,7 @@ class Connector:
     @property
     def _handle(self) -> Any:
         """Handle of the step function; compiles it at the first use."""
-        if self._loaded is None:
-            self._loaded = self._step.handle
-        return self._loaded
+        return self._step.handle
 
     @property
     def par(self) -> Array:

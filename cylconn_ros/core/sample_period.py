@@ -71,8 +71,9 @@ def period_in_use(mem: Array, sample: Array, h: float, declared: float) -> float
         mem[_AGREED] = 1.0
         return declared
     if h <= 0.0:
-        mem[_TIMES] = 0.0
-        _store(mem, sample)
+        mem[_TIMES] = mem[_STORED] = 0.0
+        if mem[model.HAS_REFERENCE] == 0.0:  # later ones without an interval are a period apart
+            _store(mem, sample)
         return mem[_IN_USE] if mem[_IN_USE] != 0.0 else declared
     used = _contradicted(mem, sample, h, declared)
     _store(mem, sample)
