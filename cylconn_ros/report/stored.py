@@ -14,8 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cylconn_ros.core import model
+from cylconn_ros.core.elements import element_energy
+from cylconn_ros.core.jit import kernel
 from cylconn_ros.errors import CylconnError
-from cylconn_ros.scene.elements import Table, compliant_stops, has_elements, spring_tables
+from cylconn_ros.scene.elements import has_elements
+from cylconn_ros.scene.packing import pack
 from cylconn_ros.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -32,36 +36,26 @@ def stored_energy(parameters: Mapping[str, Any]) -> Stored | None:
     """
     try:
         scene = Scene.from_parameters(parameters)
+        par = pack(scene)
     except CylconnError:
         return None
-    linear = (scene.elasticity.k1, scene.elasticity.kr1)
-    if not any(linear) and not has_elements(scene):
+    if not (scene.elasticity.k1 or scene.elasticity.kr1 or has_elements(scene)):
         return None
-    tables, stops = spring_tables(scene), [compliant_stops(scene.stops, k) for k in (0, 1)]
 
     def stored(fields: Mapping[str, Array]) -> Array:
-        found = np.zeros(len(fields["length"]))
-        for k, (of, at) in enumerate(zip(FIELDS[:2], FIELDS[2:], strict=True)):
-            u, x = np.asarray(fields[of], float), np.asarray(fields[at], float)
-            depth = np.maximum(np.maximum(stops[k].low - x, x - stops[k].high), 0.0)
-            found += 0.5 * linear[k] * u * u + 0.5 * stops[k].stiffness * depth * depth
-            if tables[k].points:
-                found += _integral(tables[k], u) - _integral(tables[k], np.zeros(1))
+        columns = [np.ascontiguousarray(fields[name], np.float64) for name in FIELDS]
+        found = np.zeros(len(columns[0]))
+        for k, (elongation, position) in enumerate(zip(columns[:2], columns[2:], strict=True)):
+            _add_energy(par, k, elongation, position, found)
         return found
 
     return stored
 
 
-def _integral(table: Table, u: Array) -> Array:
-    """Integral of a table from its first point to u."""
-    x, y, slopes = np.array(table.points), np.array(table.values), np.array(table.slopes)
-    until = np.concatenate(([0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))))
-    left = np.clip(np.searchsorted(x, u) - 1, 0, len(x) - 2)
-    inside = np.clip(u, x[0], x[-1])
-    d = inside - x[left]
-    found = until[left] + (y[left] + 0.5 * slopes[left] * d) * d
-    for end, slope, beyond in (
-        (0, slopes[0], np.minimum(u - x[0], 0.0)), (-1, slopes[-1], np.maximum(u - x[-1], 0.0)),
-    ):  # fmt: skip
-        found += (y[end] + 0.5 * (0.0 if table.constant else slope) * beyond) * beyond
-    return np.asarray(found)
+@kernel
+def _add_energy(par: Array, k: int, u: Array, x: Array, found: Array) -> None:
+    """Add the energy stored in slide (k = 0) or spin (1); all (n,)."""
+    for row in range(len(u)):
+        found[row] += 0.5 * par[model.ELASTICITY + k] * u[row] * u[row]
+        if par[model.ELEMENTS + k] != 0.0:
+            found[row] += element_energy(par, model.ELEMENTS, k, u[row], x[row])
