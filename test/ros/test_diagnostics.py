@@ -330,11 +330,16 @@ def test_incompatible_qos_names_policy_and_remedy():
 def test_a_period_that_the_motion_refutes_is_reported_with_the_one_in_use():
     """Samples 20 ms apart of a body that moves by its twist times 20 ms; the period is 10 ms."""
     pipeline, monitor = fixed_shaft(), Monitor("c")
-    for k in range(8):
+    for k in range(2):  # no motion is compared yet
         send(pipeline, k * 20 * MS, 1.0, 0.02 * k)
-    parts, _ = report(pipeline, monitor)
+    first, _ = report(pipeline, monitor)
+    assert "set period to the spacing of the stamps" in first["samples"].message
+    for k in range(2, 8):
+        send(pipeline, k * 20 * MS, 1.0, 0.02 * k)
+    parts, lines = report(pipeline, monitor)
     expected = (
         "stamps are 0.02 s apart, period is 0.01 s, which the motion contradicts: wrenches are "
         "computed for 0.02 s; set period: 0.02, or 0.0 to take it from the stamps"
     )
     assert expected in parts["samples"].message
+    assert (WARN, f"c: samples: {expected}") in lines

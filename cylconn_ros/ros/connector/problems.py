@@ -74,7 +74,7 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         text = "no time step between samples yet (period = 0.0: taken from the stamps)"
         yield Problem(WARN, "no period", text)
     if is_new("off period", health.off_period):
-        yield Problem(WARN, "off period", _off_period_text(pipeline, health.seen_period))
+        yield _off_period(pipeline, health.seen_period)
     if is_new("late", counts.late):
         text = "messages older than the last sample arrive late, ignored; publish them in order"
         yield Problem(WARN, "late", text)
@@ -90,16 +90,16 @@ def sample_problems(pipeline: MessagePipeline, health: Health, is_new: IsNew) ->
         yield Problem(WARN, text.partition(";")[0], text)
 
 
-def _off_period_text(pipeline: MessagePipeline, seen: float) -> str:
-    """Warning about stamps that are ``seen`` s apart, not a period; which of the two is used."""
+def _off_period(pipeline: MessagePipeline, seen: float) -> Problem:
+    """Stamps that are ``seen`` s apart, not a period; each of the two that is used has a line."""
     declared, used = pipeline.scene.period, pipeline.connector.period
     text = f"stamps are {seen:g} s apart, period is {declared:g} s"
-    if used != declared:
-        return (
-            f"{text}, which the motion contradicts: wrenches are computed for {used:.4g} s; "
-            f"set period: {used:.4g}, or 0.0 to take it from the stamps"
-        )
-    return f"{text}; set period to the spacing of the stamps, or to 0.0 to take it from them"
+    if used == declared:
+        remedy = "set period to the spacing of the stamps, or to 0.0 to take it from them"
+        return Problem(WARN, "off period", f"{text}; {remedy}")
+    text += f", which the motion contradicts: wrenches are computed for {used:.4g} s"
+    remedy = f"set period: {used:.4g}, or 0.0 to take it from the stamps"
+    return Problem(WARN, "period replaced", f"{text}; {remedy}")
 
 
 def _load_problems(pipeline: MessagePipeline, is_new: IsNew) -> Iterator[Problem]:
