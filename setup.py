@@ -62,12 +62,14 @@ TEST = [
     *DOCS,
     *SCALE,
     "colcon-common-extensions",
+    "drake>=1.30",  # with pin: the worked examples of docs/how_to/mechanism.md
     "duckdb>=1",
     "hypothesis>=6.100",
     "mcap-ros2-support>=0.5",
     # Pinned, because findings depend on the version of the tool and of NumPy's types.
     "mypy==2.4.*",
     "numpy==2.2.*",
+    "pin>=3",
     *TABLES,
     "pytest>=8",
     "ruff==0.17.*",

@@ -21,6 +21,7 @@ from typing import Final
 from cylconn_ros.core import layout, model
 from cylconn_ros.core.friction import Array
 from cylconn_ros.core.jit import device_function, inline_function
+from cylconn_ros.core.relative_state import sample_status
 from cylconn_ros.core.vectors import (
     Quaternion,
     Vector,
@@ -63,6 +64,8 @@ def period_in_use(mem: Array, sample: Array, h: float, declared: float) -> float
         mem: (NMEM,) memory of the connector, advanced. sample: (NSAMPLE,) the new one.
         h: s since the last sample, 0 if there is none. declared: s, the scene's ``period``, 0 if
             the stamps are to give it.
+
+    The motion of a sample that cannot be used is not compared.
     """
     if declared == 0.0:
         return h
@@ -70,14 +73,19 @@ def period_in_use(mem: Array, sample: Array, h: float, declared: float) -> float
         mem[_IN_USE] = mem[_TIMES] = mem[_STORED] = 0.0
         mem[_AGREED] = 1.0
         return declared
-    if h <= 0.0:
-        mem[_TIMES] = mem[_STORED] = 0.0
-        if mem[model.HAS_REFERENCE] == 0.0:  # later ones without an interval are a period apart
-            _store(mem, sample)
-        return mem[_IN_USE] if mem[_IN_USE] != 0.0 else declared
-    used = _contradicted(mem, sample, h, declared)
+    in_use = mem[_IN_USE] if mem[_IN_USE] != 0.0 else declared
+    again = h <= 0.0 and mem[model.HAS_REFERENCE] != 0.0  # no interval: a period after the last
+    if (again and mem[_STORED] == 0.0) or sample_status(sample) != layout.OK:
+        return in_use
+    if again:
+        mem[_STORED] = 0.0
+        return in_use
+    if h > 0.0:
+        in_use = _contradicted(mem, sample, h, declared)
+    else:
+        mem[_TIMES] = 0.0
     _store(mem, sample)
-    return used
+    return in_use
 
 
 @device_function

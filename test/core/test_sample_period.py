@@ -11,7 +11,7 @@ import cylconn_ros as cr
 from cylconn_ros.connector.batch import PeriodInUse
 from cylconn_ros.connector.connector import Connector
 from cylconn_ros.connector.group import Group
-from cylconn_ros.core import layout
+from cylconn_ros.core import layout, model
 from cylconn_ros.scene.behaviour import Penalty
 from cylconn_ros.scene.scene import Scene, load_all
 from cylconn_ros.simulation.plant import Plant
@@ -51,7 +51,7 @@ class Loop:
 
     def worst(self, at: int) -> float:
         """Largest violation after the first 50 samples."""
-        return float(max(abs(out[at]) for out in self.outs[50:]))
+        return float(max(abs(out[at]) for out in self.outs[50:] or self.outs))
 
 
 def scene_of(name: str, integration: str = "exact", method: str = "auto") -> Scene:
@@ -128,6 +128,21 @@ def test_a_first_sample_that_is_lost_changes_nothing() -> None:
     loop.run(3, every=2)  # the second sample is lost
     loop.run(3)
     assert set(loop.used) == {loop.h}
+
+
+def test_a_sample_that_cannot_be_used_is_not_compared() -> None:
+    """Two of them among the first samples of a simulator at three times the period."""
+    loop = Loop(scene_of("demo"), 3.0)
+    loop.run(1)
+    bad = np.full(layout.NSAMPLE, np.nan)
+    kept = loop.connector.memory[model.PERIOD_IN_USE :]
+    assert loop.connector.step(bad)[layout.STATUS] == layout.NOT_FINITE
+    np.testing.assert_array_equal(loop.connector.memory[model.PERIOD_IN_USE :], kept)
+    loop.connector.step(bad, loop.h)
+    assert loop.connector.period == pytest.approx(loop.h / 3.0)
+    loop.run(10)
+    assert loop.connector.period == pytest.approx(loop.h)
+    assert loop.worst(layout.OFFSET_VIOLATION) < 1e-6
 
 
 def test_the_period_in_use_survives_a_restart() -> None:
