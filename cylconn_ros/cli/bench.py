@@ -79,7 +79,7 @@ def _listed() -> str:
         text = " ".join(inspect.cleandoc(benchmark.__doc__ or "").split())
         lines += textwrap.wrap(f"  {name:<15}{text}", 79, subsequent_indent=" " * 17)
     text = (
-        "All of them, one after the other, in at most 40 minutes on two idle cores; the long ones "
+        "All of them, one after the other, planned for 40 minutes on two idle cores; the long ones "
     )
     text += (
         "(faults, free_running, soak, identification) in a short form. Continues a run that was "
